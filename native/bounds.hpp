@@ -1,5 +1,5 @@
-// Bounds of φ and φ_θ over one box: what Theorem K needs. Theorems, notation and margins are those of
-// `domain/bounds.py`; `closures.hpp` proves γ for the operations here.
+// Bounds of φ and φ_θ over one box: what Theorem N needs. Theorems, notation and margins are those of
+// `proof/bounds.py`; `closures.hpp` proves γ for the operations here.
 #pragma once
 #include "closures.hpp"
 
@@ -28,7 +28,7 @@ inline double widened(double centre, double half) { return half + (1e-14 + 0x1p-
 // What a point at which a question is asked may be off by.
 inline double blur(double point) { return 0x1p-51 * (1 + std::abs(point)); }
 
-// What parameter e is measured from (`measured_from` of `domain/boxes.py`).
+// What parameter e is measured from (`measured_from` of `proof/newton.py`).
 inline double measured_from(const Closures& closures, const Box& box, int e) {
   if (box.parameters() == closures.n) return box.centre[closures.independent[e]];
   double largest = 0;
@@ -36,7 +36,7 @@ inline double measured_from(const Closures& closures, const Box& box, int e) {
   return largest;
 }
 
-// Whether parameters are of the box that its theorem is about (`within` of `domain/newton.py`).
+// Whether parameters are of the box that its theorem is about (`within` of `proof/newton.py`).
 inline bool within(const Closures& closures, const Box& box, const double* delta) {
   for (int e = 0; e < box.parameters(); ++e)
     if (!(std::abs(delta[e]) <= widened(measured_from(closures, box, e), box.half[e]))) return false;

@@ -1,4 +1,4 @@
-// Planar bounds, for φ a sum of phasors: sharp in the sines and cosines of the links' angles (`domain/bounds_planar.py`).
+// Planar bounds, for φ a sum of phasors: sharp in the sines and cosines of the links' angles (`proof/phasors.py`).
 #pragma once
 #include "bounds.hpp"
 

@@ -1,4 +1,4 @@
-// Reach bounds, for any tree: exact second derivatives at the centre, link lengths for the third (`domain/bounds_reach.py`).
+// Reach bounds, for any tree: exact second derivatives at the centre, link lengths for the third (`proof/bounds.py`).
 #pragma once
 #include "bounds.hpp"
 

@@ -1,4 +1,4 @@
-// What `ccpin.domain.in_core` calls: certificates of many boxes, each alone, so that results depend on no other row.
+// What `ccpin.native.certifier` calls: certificates of many boxes, each alone, so that results depend on no other row.
 #pragma once
 #include "reading.hpp"
 #include "tubes.hpp"
@@ -221,7 +221,7 @@ class Certifier {
     const double* at(int field, Py_ssize_t k) const { return arrays_[field].data + k * sizes_[field]; }
   };
 
-  // Reading what `ccpin.domain.in_core.numbers_of` describes.
+  // Reading what `ccpin.native.certifier.numbers_of` describes.
   static Doubles doubles(nb::handle h, size_t size) {
     const In x = nb::cast<In>(h);
     const size_t count = x.dimensions == 2 ? size_t(x.rows) * x.size : size_t(x.size);

@@ -1,4 +1,4 @@
-// φ(θ) = Σ_c B_c x_c(θ) + Gθ + d over serial chains (`domain/chains.py`), its Jacobian, and its planar form.
+// φ(θ) = Σ_c B_c x_c(θ) + Gθ + d over serial chains (`proof/chains.py`), its Jacobian, and its planar form.
 //
 // **Rounding.** Every entry of φ, φ_θ and φ_θθ computed here is within γ · magnitude of the exact one, with the γ and the
 // magnitude of `ClosureSystem`: γ = (128(k + 2) + 4n′)u for chains of up to k joints. Hypotheses: IEEE arithmetic, no
@@ -14,7 +14,7 @@
 // In the planar form an angle is a sum of at most k ≤ 30 entries of θ, of at most 4 rad each (the magnitude grows where
 // they are larger): within 4k²u; its sine and cosine, weights and sums add 6u and at most (3 + n′)u.
 // Products Ãφ, ÃφD, Eᵀ(Ãφ_θθ)D with at most n′ terms a sum add (3n′ + 6)u times the absolute values; with |φ_…| ≤ magnitude
-// that is inside the 4n′u and the 128 · 2u of γ. So the margins of `domain/bounds.py` hold for this order of operations.
+// that is inside the 4n′u and the 128 · 2u of γ. So the margins of `proof/bounds.py` hold for this order of operations.
 #pragma once
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -54,7 +54,7 @@ struct Coupling {
   double ratio;
 };
 
-// φ = Σ_j ℓ_j (P_j cos Φ_j + Q_j sin Φ_j) + Gθ + d, Φ = Cθ (`domain/bounds_planar.py`).
+// φ = Σ_j ℓ_j (P_j cos Φ_j + Q_j sin Φ_j) + Gθ + d, Φ = Cθ (`proof/phasors.py`).
 struct Phasors {
   int count = 0;
   Doubles signs, lengths, cosine_weights, sine_weights, linear, offset;  // C (K, n′), ℓ, P (m, K), Q (m, K), G (m, n′), d

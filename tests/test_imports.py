@@ -40,6 +40,19 @@ ORDER = (
     "studio",
     "gym",
 )
+ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one tuple do not import each other
+    "proof": (
+        ("theorems", "rounding", "digests", "verdict", "facts"),
+        ("balls", "chains", "chords"),
+        ("ranges", "bounds", "tips"),
+        ("emptiness", "phasors", "taylor"),
+        "reach",
+        "equations",
+        "newton",
+        ("narrowing", "requirements", "solutions"),
+        ("covers", "demanded", "paths"),
+    ),
+}
 OF_NO_ROOM = (("scripts",), ("docs",))  # tests of what is no part of the package
 OUTERMOST = ("__init__", "cli", "__main__")  # public names, then what calls them
 PINOCCHIO = {"kinematics", "mechanism", "dynamics", "visualization"}
@@ -125,6 +138,26 @@ def test_imports_go_down_the_list(module):
     rank = {name: k for k, name in enumerate((*ORDER, *OUTERMOST))}
     upward = [name for name in GRAPH[module] if rank.get(room(name), 99) > rank.get(room(module), -1)]
     assert not upward, f"{module} imports {upward}"
+
+
+@pytest.mark.parametrize("package", sorted(ORDER_WITHIN))
+def test_imports_go_one_way_inside_a_package(package):
+    """Its folders and modules import only what stands before them in its order, which names them all."""
+    floors = [(floor,) if isinstance(floor, str) else floor for floor in ORDER_WITHIN[package]]
+    rank = {name: k for k, floor in enumerate(floors) for name in floor}
+    inside = f"ccpin.{package}."
+    place = {module: module.removeprefix(inside).split(".")[0] for module in MODULES if module.startswith(inside)}
+    assert set(place.values()) == set(rank)
+    for module, own in place.items():
+        others = {name: place[name] for name in GRAPH[module] if place.get(name, own) != own}
+        upward = [name for name, other in others.items() if rank[other] >= rank[own]]
+        assert not upward, f"{module} imports {upward}"
+
+
+def test_the_kernel_asks_nobody():
+    """Proofs are checked by `proof` alone: neither the compiled core nor any other room has a say."""
+    used = {room(name) for module in MODULES if room(module) == "proof" for name in GRAPH[module]}
+    assert used <= {"proof", "arrays", "errors"}
 
 
 def test_who_knows_pinocchio():

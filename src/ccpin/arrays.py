@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields
 from numbers import Real
 from operator import index
@@ -149,6 +150,32 @@ def skew(vectors: Array) -> Array:
     matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -z, y, -x
     matrix[..., 1, 0], matrix[..., 2, 0], matrix[..., 2, 1] = z, -y, x
     return matrix
+
+
+def inverses(matrices: Array) -> Array:
+    """Inverses of a batch; where there is none, NaN."""
+    result = np.full_like(matrices, np.nan)
+    usable = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
+    try:
+        result[usable] = np.linalg.inv(matrices[usable])
+    except np.linalg.LinAlgError:
+        for k in np.flatnonzero(usable):
+            with suppress(np.linalg.LinAlgError):
+                result[k] = np.linalg.inv(matrices[k])
+    return result
+
+
+def solve_many(matrices: Array, right: Array) -> Array:
+    """Solve a batch of m×m systems; NaN where singular."""
+    if matrices.shape[1] == 2:
+        a, b, c, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
+        det = a * d - b * c
+        x, y = right[:, 0], right[:, 1]
+        return np.stack([(d * x - b * y) / det, (a * y - c * x) / det], axis=1)
+    try:
+        return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
+    except np.linalg.LinAlgError:
+        return apply(inverses(matrices), right)
 
 
 def vector(value: ArrayLike, name: str, size: int) -> Array:

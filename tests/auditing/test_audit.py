@@ -44,7 +44,7 @@ def test_true_claims_are_proved(case):
     assert audit.claims[0].of == len(atlas.boxes.kappa)
     assert audit.claims[1].of > 0 or len(atlas.boxes.kappa) == 1
     assert audit.whole == (sample is None)
-    assert "Theorem K" in audit.theorem
+    assert "Theorem N" in audit.theorem
 
 
 @pytest.mark.parametrize("held", [0, 1, 2])
@@ -88,9 +88,9 @@ def test_closures_are_those_of_the_mechanism(case):
     read = document.read(path)
     own, model = closures.Closures(read), ccpin.ReducedModel(mechanism)
     rng = np.random.default_rng(5)
-    near = atlas.problem.system.chart.configuration(read.seed[None])[0]
+    near = atlas.reading.configuration(read.seed[None])[0]
     for q in atlas.q0 + 0.05 * rng.uniform(-1.0, 1.0, (10, len(atlas.q0))):
-        theta = atlas.problem.system.theta(model.sigma(q, near))
+        theta = atlas.reading.theta(model.sigma(q, near))
         np.testing.assert_allclose(own.at(theta)[0], 0.0, atol=1e-11)
     theta = read.seed + 0.3 * rng.normal(size=len(read.seed))
     steps = 1e-6 * np.eye(len(theta))

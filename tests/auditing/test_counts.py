@@ -74,7 +74,7 @@ def test_solutions_over_a_middle_are_those_of_the_producer(sheets, cell):
     q = 0.5 * (low + high)
     kept = look.remaining([look.whole(low, high)], keep=True)
     found = sorted(np.cos(theta).tolist() for theta, _ in counts._over(look, kept, q))
-    theta = [sheets[0].problem.system.theta(c) for c in sheets[0].solutions(q)[0]]
+    theta = [sheets[0].reading.theta(c) for c in sheets[0].solutions(q)[0]]
     np.testing.assert_allclose(found, sorted(np.cos(theta).tolist()), atol=1e-12)
 
 

@@ -5,8 +5,8 @@ import pytest
 
 import ccpin
 from ccpin.domain import certify_workspace
-from ccpin.domain.demands import conditioning, reach
 from ccpin.domain.workspace import task_problem
+from ccpin.proof.requirements import conditioning, reach
 from tests.support.altered import changed
 
 pytest.importorskip("flint")
@@ -52,7 +52,7 @@ def test_a_tightened_limit_is_found(workspace, tmp_path, side):
     """A motor's limit, a thousandth of a radian within the furthest reach: what passes it fails, the others do not."""
     atlas, path = workspace
     ends = dict(zip(("lower", "upper"), reach(atlas.problem, atlas.boxes), strict=True))[side]
-    joint = int(atlas.problem.demands.driven[0])
+    joint = int(atlas.problem.requirements.driven[0])
     sign = 1.0 if side == "upper" else -1.0
     furthest = float(np.max(sign * ends[:, joint]))
 
@@ -67,7 +67,7 @@ def test_a_tightened_limit_is_found(workspace, tmp_path, side):
 def test_a_raised_dexterity_is_found(workspace, tmp_path):
     """One that a box's own upper bound excludes, where motors have a grip; what lower bounds say is proved."""
     atlas, path = workspace
-    low, high = conditioning(atlas.problem, atlas.problem.demands, atlas.boxes)
+    low, high = conditioning(atlas.problem, atlas.problem.requirements, atlas.boxes)
     raised = float(1.001 * high.min())
 
     def put(value):
@@ -92,7 +92,7 @@ def test_other_units_are_found(workspace, tmp_path):
 def test_motors_that_lose_hold_are_found(workspace, tmp_path):
     """Motors said to be on one of the platform's slides twice, once beside it: nothing determines the others."""
     atlas, path = workspace
-    free = np.setdiff1d(np.arange(atlas.problem.system.n_free), atlas.problem.demands.driven)
+    free = np.setdiff1d(np.arange(atlas.problem.system.n_free), atlas.problem.requirements.driven)
     beside = atlas.problem.system.independent[0]
 
     def plant(arrays):

@@ -16,9 +16,9 @@ import ccpin
 from ccpin import domain
 from ccpin.domain import Atlas, CellStatus, certify
 from ccpin.domain.atlas import run as atlas_run
-from ccpin.domain.claims import equations_of
-from ccpin.domain.newton import solve_in_boxes
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
+from ccpin.proof.equations import closures_of
+from ccpin.proof.newton import solve_in_boxes
 from ccpin.proof.solutions import check
 from tests.oracles import cusped_3rpr as cusped
 from tests.oracles import delta as delta_oracle
@@ -206,7 +206,7 @@ def test_altered_boxes_are_caught(torus):
     chosen = rng.choice(len(atlas.boxes.kappa), 50, replace=False)
     half = atlas.boxes.half.copy()
     half[chosen] *= 4.0
-    caught = ~check(equations_of(atlas.problem), atlas.boxes._replace(half=half)).proved
+    caught = ~check(closures_of(atlas.problem), atlas.boxes._replace(half=half)).proved
     assert not np.any(np.delete(caught, chosen))
     assert np.mean(caught[chosen]) > 0.9
 

@@ -1,4 +1,4 @@
-"""Theorem K: its bounds against what they bound, its boxes against closed forms, wrong claims against its check."""
+"""Theorem N: its bounds against what they bound, its boxes against closed forms, wrong claims against its check."""
 
 from dataclasses import replace
 
@@ -9,11 +9,12 @@ from scipy.linalg import qr
 import ccpin
 from ccpin.description import Joint
 from ccpin.domain import certify_path, kantorovich_radius, newton_steps
-from ccpin.domain.boxes import bounds_of, certify_boxes, closure_values, problem_of, verify
-from ccpin.domain.chain_stack import derivatives, first_order, stack_chains
-from ccpin.domain.chains import closure_system
-from ccpin.domain.newton import extrapolate, glued, newton, predict, solve_in_boxes
+from ccpin.domain.boxes import certify_boxes
+from ccpin.domain.closures.system import reading_of
+from ccpin.domain.newton import extrapolate, glued, newton
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
+from ccpin.proof.equations import closure_values, closures_of, derivatives, problem_of
+from ccpin.proof.newton import bounds_of, check, predict, solve_in_boxes
 from tests.oracles import rpdr as oracle
 from tests.support.ball_joint import ball_joint
 from tests.support.closures import ARMS, KINDS, PLANAR, SPATIAL, closed_problem, two_arms
@@ -80,29 +81,30 @@ def assert_bounds_hold(problem, theta, trials=300):
 def test_chains_give_the_constraints_of_every_kind_of_joint_and_closure(arms, kind):
     """φ from chains is φ of `Constraints` at random configurations, and φ_θ is its derivative in the chart."""
     mechanism = two_arms(arms, kind)
-    system = closure_system(mechanism, mechanism.q_reference)
+    reading = reading_of(mechanism, mechanism.q_reference)
+    system = reading.system
     constraints, rng = mechanism.constraints(), np.random.default_rng(5)
     theta = rng.uniform(-1.2, 1.2, (6, mechanism.n_free))
-    stack, step = stack_chains(system.chains, system.n_free, system.m), 1e-6
-    phi, jacobian = first_order(system, stack, theta)[:2]
+    step = 1e-6
+    phi, jacobian = closure_values(problem_of(system, "reach"), theta)
     for k, row in enumerate(theta):
-        assert np.abs(phi[k] - constraints.residual(system.chart.configuration(row))).max() < 1e-13
+        assert np.abs(phi[k] - constraints.residual(reading.configuration(row))).max() < 1e-13
         for j in range(mechanism.n_free):
             ahead, behind = row + step * np.eye(len(row))[j], row - step * np.eye(len(row))[j]
-            slope = constraints.residual(system.chart.configuration(ahead))
-            slope = slope - constraints.residual(system.chart.configuration(behind))
+            slope = constraints.residual(reading.configuration(ahead))
+            slope = slope - constraints.residual(reading.configuration(behind))
             assert np.abs(jacobian[k, :, j] - slope / (2 * step)).max() < 1e-8
-    assert np.abs(system.chart.theta(system.chart.configuration(theta[0])) - theta[0]).max() < 1e-12
+    assert np.abs(reading.chart.theta(reading.configuration(theta[0])) - theta[0]).max() < 1e-12
 
 
 @pytest.mark.parametrize("name", [*PLANAR, *SPATIAL])
 def test_second_derivatives(name):
     """φ_θθ is the derivative of Pinocchio's φ_q′."""
     mechanism = ccpin.load(name)
-    system, constraints = closure_system(mechanism, mechanism.q_reference), mechanism.constraints()
+    system, constraints = reading_of(mechanism, mechanism.q_reference).system, mechanism.constraints()
     rng, step = np.random.default_rng(0), 1e-6
     theta = rng.uniform(-3, 3, (3, mechanism.n_free))
-    found = derivatives(system, stack_chains(system.chains, system.n_free, system.m), theta)
+    found = derivatives(problem_of(system, "reach"), theta)
     for k, row in enumerate(theta):
         along = rng.standard_normal(len(row))
         ahead = constraints.value(row + step * along).jacobian
@@ -125,9 +127,9 @@ def test_bounds_bound(name, bounds):
 def test_bounds_bound_for_every_kind_of_closure(arms, kind):
     """The same at open configurations of chains with directions, offsets, slides after turns and many-axis joints."""
     mechanism = two_arms(arms, kind)
-    system = closure_system(mechanism, mechanism.q_reference)
+    system = reading_of(mechanism, mechanism.q_reference).system
     theta = np.random.default_rng(8).uniform(-0.8, 0.8, mechanism.n_free)
-    jacobian = first_order(system, stack_chains(system.chains, system.n_free, system.m), theta[None])[1][0]
+    jacobian = closure_values(problem_of(system, "reach"), theta[None])[1][0]
     order = qr(jacobian, pivoting=True)[2]  # the best conditioned choice of dependent coordinates comes first
     system = replace(system, dependent=np.sort(order[: system.m]), independent=np.sort(order[system.m :]))
     assert_bounds_hold(problem_of(system, "reach"), theta, trials=60)
@@ -153,11 +155,8 @@ def test_newton_steps_suffice(rpdr, centre, exact, reach):
     steps = newton_steps(rpdr, q_free, radius, 1e-10)
     assert 1 <= steps <= 6
     assert newton_steps(rpdr, q_free, radius / 100, 1e-10) < steps
-    system = closure_system(rpdr, q_free)
-    problem, moves = (
-        problem_of(system),
-        radius * np.concatenate([rng.uniform(-1, 1, (60, 2)), [[1, 1], [-1, 1], [1, -1]]]),
-    )
+    problem = reading_of(rpdr, q_free).problem
+    moves = radius * np.concatenate([rng.uniform(-1, 1, (60, 2)), [[1, 1], [-1, 1], [1, -1]]])
     found = newton(problem, extrapolate(problem, q_free, moves), steps).theta
     for q1, q3, q2, q4 in found:
         gap = np.array([q1, q2, q3, q4]) - oracle.sigma((q1, q2), 1.0)
@@ -179,12 +178,12 @@ def altered(boxes, **changes):
 
 def test_wrong_claims_are_caught(rpdr):
     """Boxes whose square, tube, centre, weights or contraction factor claims too much fail the check."""
-    problem, theta = problem_of(closure_system(rpdr, rpdr.q_reference)), centre_of(rpdr, CENTRES[0])
+    problem, theta = reading_of(rpdr, rpdr.q_reference).problem, centre_of(rpdr, CENTRES[0])
     half = np.full((1, 2), np.radians(12.0))
     attempt = certify_boxes(problem, theta[None], half, np.eye(2))
     boxes = attempt.boxes
     assert attempt.proved[0]
-    assert verify(problem, boxes)[0]
+    assert check(closures_of(problem), boxes).proved[0]
     wrong = {
         "wider square": altered(boxes, half=np.radians(5.0)),
         "wider tube": boxes._replace(radius=boxes.radius * 30),
@@ -199,12 +198,12 @@ def test_wrong_claims_are_caught(rpdr):
         "not a number": boxes._replace(centre=np.full((1, 4), np.nan)),
     }
     for reason, claim in wrong.items():
-        assert not verify(problem, claim)[0], reason
+        assert not check(closures_of(problem), claim).proved[0], reason
 
 
 def test_other_assembly_mode_is_not_glued(rpdr):
     """Neighbouring boxes of one mode are glued at their common face, those of different modes are not."""
-    problem, half = problem_of(closure_system(rpdr, rpdr.q_reference)), np.full((2, 2), np.radians(3.0))
+    problem, half = reading_of(rpdr, rpdr.q_reference).problem, np.full((2, 2), np.radians(3.0))
     left, right = (centre_of(rpdr, (angle, -90.0)) for angle in (-100.0, -94.0))
     other = centre_of(rpdr, (-94.0, -90.0), mode=-1.0)
     turned = right + 2 * np.pi * np.array([0, 1, 0, -1])
@@ -221,7 +220,7 @@ def test_other_assembly_mode_is_not_glued(rpdr):
 def test_certified_iteration_cannot_fail(rpdr):
     """σ is found from every corner of a square only just certified, where κ is close to 1."""
     q_free = centre_of(rpdr, CENTRES[1])
-    problem = problem_of(closure_system(rpdr, q_free))
+    problem = reading_of(rpdr, q_free).problem
     half = np.full((4, 2), kantorovich_radius(rpdr, q_free, "planar"))
     attempt = certify_boxes(problem, np.tile(q_free, (4, 1)), half, np.eye(2))
     corners = half * [[1, 1], [1, -1], [-1, 1], [-1, -1]]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ccpin.domain import certify
-from ccpin.domain.boxes import certify_boxes, problem_of
-from ccpin.domain.chains import closure_system
+from ccpin.domain.boxes import certify_boxes
+from ccpin.domain.closures.system import reading_of
 from tests.oracles import rpdr as oracle
 
 flint = pytest.importorskip("flint")
@@ -149,7 +149,7 @@ def test_auditor_agrees_with_a_sample_of_the_atlas(rpdr, depth):
 
 def test_auditor_rejects_wrong_claims(rpdr):
     """A tube moved off σ, and one that holds both assembly modes, do not pass the auditor either."""
-    problem = problem_of(closure_system(rpdr, rpdr.q_reference))
+    problem = reading_of(rpdr, rpdr.q_reference).problem
     q1, q2, q3, q4 = oracle.sigma(np.radians((-108.0, -72.0)), 1.0)
     boxes = certify_boxes(problem, np.array([[q1, q3, q2, q4]]), np.full((1, 2), np.radians(6.0)), np.eye(2)).boxes
     assert audit(Box(boxes, 0))

@@ -5,11 +5,11 @@ import pytest
 
 import ccpin
 from ccpin import domain
-from ccpin.domain.boxes import problem_of
-from ccpin.domain.chain_stack import derivatives, third_along
-from ccpin.domain.chains import closure_system
+from ccpin.domain.closures.system import reading_of
 from ccpin.domain.cusps import _Equations, proved_cusps
 from ccpin.errors import UnsupportedMechanismError
+from ccpin.proof.equations import derivatives
+from ccpin.proof.tips import third_along
 from tests.oracles import planar_3rpr as oracle
 from tests.support.legs import load_slice
 
@@ -23,8 +23,8 @@ def slice_():
     return mechanism, domain.singularities(mechanism, starts=12)
 
 
-def problem(mechanism):
-    return problem_of(closure_system(mechanism, mechanism.q_reference), "reach")
+def reading(mechanism):
+    return reading_of(mechanism, mechanism.q_reference).bounded("reach")
 
 
 @pytest.mark.slow
@@ -62,17 +62,17 @@ def test_three_solutions_on_one_side_and_one_on_the_other(slice_):
 @pytest.mark.parametrize("name", ["rpdr", "planar_3rrr", "delta"])
 def test_third_derivatives_against_differences(name):
     """Σ φ_ijk v_k is the derivative of φ_ij along v."""
-    at = problem(ccpin.load(name))
+    at = reading(ccpin.load(name)).problem
     rng = np.random.default_rng(6)
     theta, v, step = rng.normal(size=(1, at.system.n_free)), rng.normal(size=(1, at.system.n_free)), 1e-5
-    ends = [derivatives(at.system, at.stack, theta + side * step * v).hessian for side in (1.0, -1.0)]
+    ends = [derivatives(at, theta + side * step * v).hessian for side in (1.0, -1.0)]
     expected = (ends[0] - ends[1]) / (2.0 * step)
     assert np.abs(third_along(at.system, at.stack, theta, v) - expected).max() < 1e-8
 
 
 def test_the_slope_and_its_drift():
     """F′ is the derivative of F, and Δ bounds how it changes on balls up to 1e-2."""
-    at = problem(load_slice())
+    at = reading(load_slice()).problem
     rng = np.random.default_rng(7)
     m, n = at.system.m, at.system.n
     for _ in range(20):
@@ -95,8 +95,8 @@ def test_a_fold_is_no_cusp(rpdr):
     """The five-bar's stretched loop is folded everywhere: nothing is proved from any of its points."""
     curves = domain.singularities(rpdr, starts=12)
     assert domain.cusps(rpdr, curves=curves) == ()
-    at = problem(rpdr)
-    theta = np.array([at.system.theta(q) for curve in curves if curve.kind == "fold" for q in curve.q_free[::40]])
+    at = reading(rpdr)
+    theta = np.array([at.theta(q) for curve in curves if curve.kind == "fold" for q in curve.q_free[::40]])
     assert proved_cusps(at, theta) == []
 
 

@@ -7,8 +7,9 @@ import pytest
 
 import ccpin
 from ccpin.description import Inertia, Joint, Link, LoopClosure, MechanismDescription
-from ccpin.domain.boxes import Problem, certify_boxes, problem_of
-from ccpin.domain.chains import seed_at_coordinates
+from ccpin.domain.boxes import certify_boxes
+from ccpin.domain.closures.seeds import seed_at_coordinates
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.gravity_bounds import GravityBounds, Potential, gravity_bounds, potential_of, potential_values
 from tests.oracles import rpdr as oracle
 from tests.oracles.finite_differences import derivative
@@ -31,9 +32,13 @@ SPRINGS = {"rocker": {"stiffness": 0.7, "spring_reference": 2.0}, "coupler": {"s
 class Subject(NamedTuple):
     mechanism: ccpin.Mechanism
     model: ccpin.ReducedModel
-    problem: Problem
+    reading: Reading
     potential: Potential
     theta: np.ndarray
+
+    @property
+    def problem(self):
+        return self.reading.problem
 
     @property
     def q(self):
@@ -46,7 +51,7 @@ class Subject(NamedTuple):
         return gravity_bounds(self.problem, self.potential, attempt.boxes)
 
     def configuration(self):
-        return self.problem.system.chart.configuration(self.theta)
+        return self.reading.configuration(self.theta)
 
 
 def _subject(name, q=None, guess=None):
@@ -55,7 +60,7 @@ def _subject(name, q=None, guess=None):
     model = ccpin.ReducedModel(mechanism)
     start = mechanism.q_reference if guess is None else guess
     seed = seed_at_coordinates(mechanism, model.alpha(start) if q is None else q, start)
-    return Subject(mechanism, model, problem_of(seed.system), potential_of(mechanism, seed.system), seed.theta)
+    return Subject(mechanism, model, seed.reading, potential_of(mechanism, seed.reading), seed.theta)
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +95,7 @@ def test_potential_is_pinocchios(subjects, name):
     subject, rng = subjects[name], np.random.default_rng(3)
     theta = subject.theta + rng.uniform(-0.7, 0.7, (6, len(subject.theta)))
     found, free = potential_values(subject.potential, theta), subject.model.free_system
-    for k, q_free in enumerate(subject.problem.system.chart.configuration(theta)):
+    for k, q_free in enumerate(subject.reading.configuration(theta)):
         scale = 1e-13 * subject.potential.magnitude(theta)[k]
         still = np.zeros(len(theta[k]))
         assert found.value[k] == pytest.approx(free.energy(q_free, still).potential, abs=scale)
@@ -171,8 +176,8 @@ def test_the_bounds_are_attained_by_a_lone_arm(half):
     described = MechanismDescription("lone arm", "base", links, joints, (tip,))
     mechanism = ccpin.load(described, independent=["q1", "q2"])
     seed = seed_at_coordinates(mechanism, np.array([0.0, 0.9]))
-    problem = problem_of(seed.system)
-    potential = potential_of(mechanism, seed.system, np.array([0.0, -fall, 0.0]))
+    problem = seed.reading.problem
+    potential = potential_of(mechanism, seed.reading, np.array([0.0, -fall, 0.0]))
     attempt = certify_boxes(problem, seed.theta[None], np.array([[half, 1e-3]]), np.eye(2))
     assert attempt.proved[0]
     bounds, moment = gravity_bounds(problem, potential, attempt.boxes), mass * fall * length

@@ -7,7 +7,7 @@ import pytest
 
 from ccpin.domain.atlas.build import Shape
 from ccpin.domain.largest import LargestWorkspace
-from ccpin.domain.verdict import Witness
+from ccpin.proof.verdict import Witness
 
 ERROR = 1e-3
 

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.domain.affine import Affine, affine
-from ccpin.domain.boxes import problem_of
-from ccpin.domain.chains import closure_system
+from ccpin.domain.closures.system import reading_of
 from ccpin.domain.masses import masses_of
 from ccpin.domain.motion_bounds import Motion, Reduced
 from ccpin.dynamics.state import State
 from ccpin.errors import UnsupportedMechanismError
+from ccpin.proof.balls import Affine, affine
 from tests.oracles.finite_differences import derivative
 from tests.support.ball_joint import ball_joint
 
@@ -33,16 +32,16 @@ class Case:
         rng = np.random.default_rng(seed)
         self.model = _model(name)
         mechanism = self.model.mechanism
-        self.system = closure_system(mechanism, mechanism.q_reference)
-        self.problem = problem_of(self.system)
-        self.masses = masses_of(mechanism, self.problem, self.model.gravity_vector)
-        self.theta = self.system.theta(mechanism.q_reference)
+        self.reading = reading_of(mechanism, mechanism.q_reference)
+        self.system, self.problem = self.reading.system, self.reading.problem
+        self.masses = masses_of(mechanism, self.reading, self.model.gravity_vector)
+        self.theta = self.reading.theta(mechanism.q_reference)
         self.theta[self.system.dependent] += 0.02 * rng.normal(size=self.system.m)
         self.v, self.w, self.a = rng.normal(size=(3, self.model.n))
 
     def state(self, theta):
         """ccpin's own State at a θ that is not closed."""
-        q_free = self.system.chart.configuration(theta)
+        q_free = self.reading.configuration(theta)
         return State.of(self.model, self.model.alpha(q_free), self.model.parametrization.at(q_free))
 
     def tau(self, theta, v, w, a):
@@ -118,4 +117,4 @@ def test_joints_of_several_freedoms_are_refused():
     model = ball_joint()
     case = Case("rpdr")
     with pytest.raises(UnsupportedMechanismError, match="several freedoms"):
-        masses_of(model.mechanism, case.problem, model.gravity_vector)
+        masses_of(model.mechanism, case.reading, model.gravity_vector)

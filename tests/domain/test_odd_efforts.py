@@ -10,8 +10,7 @@ from scipy.interpolate import BSpline, PPoly
 from ccpin import control, domain, dynamics
 from ccpin.arrays import numbers, positive, whole
 from ccpin.domain.atlas.run import ChunkStore, executor_for
-from ccpin.domain.boxes import problem_of
-from ccpin.domain.chains import closure_system
+from ccpin.domain.closures.system import reading_of
 from ccpin.errors import InvalidInputError
 
 REGION = np.radians([[-112.0, -76.0], [-104.0, -68.0]])
@@ -107,7 +106,7 @@ def test_a_checkpoint_is_a_folder(rpdr, tmp_path, folder, monkeypatch):
 
 def test_damaged_checkpoints_are_computed_again(rpdr, tmp_path):
     """Cut off, overwritten, exchanged: no error, and the same result, wherever the damage is."""
-    problem = problem_of(closure_system(rpdr, rpdr.q_reference), "auto")
+    problem = reading_of(rpdr, rpdr.q_reference).problem
     store, arrays = ChunkStore(tmp_path, problem), (np.arange(6.0), np.array([True, False]))
 
     def task(problem, arrays):

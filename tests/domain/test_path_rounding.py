@@ -9,7 +9,7 @@ from scipy.interpolate import PPoly
 
 import ccpin
 from ccpin.domain import certify_path
-from ccpin.domain.chains import seed_at_coordinates
+from ccpin.domain.closures.seeds import seed_at_coordinates
 from ccpin.domain.path import _targets
 from ccpin.domain.pieces import pieces_of
 from ccpin.domain.walker import Walker

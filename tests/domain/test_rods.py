@@ -6,10 +6,10 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.control import certify_set_point
-from ccpin.domain.boxes import closure_values, problem_of
-from ccpin.domain.chains import closure_system
+from ccpin.domain.closures.system import reading_of
 from ccpin.domain.newton import newton
 from ccpin.errors import UnsupportedMechanismError
+from ccpin.proof.equations import closure_values
 from tests.support.rods import rocker_angle, rod_ankle, rod_four_bar, rod_stewart
 from tests.support.walkthrough import file
 
@@ -26,24 +26,24 @@ def test_the_lemma(description):
     """At closed configurations det φ_y with rods is ± Π L² cos b (Π L in the plane) times det φ_y without."""
     mechanism = ccpin.load(description)
     rng, parametrization = np.random.default_rng(0), mechanism.parametrization()
-    system = closure_system(mechanism, mechanism.q_reference)
-    problem = problem_of(system, "reach")
+    reading = reading_of(mechanism, mechanism.q_reference)
+    system, problem = reading.system, reading.bounded("reach").problem
     for _ in range(6):
         q = parametrization.coordinates.alpha(mechanism.q_reference) + rng.uniform(-0.03, 0.03, mechanism.n)
         q_free = parametrization.sigma(q).q_free
-        theta = system.theta(q_free)
+        theta = reading.theta(q_free)
         phi, jacobian = closure_values(problem, theta[None])
         assert np.abs(phi).max() < 1e-9
         with_rods = np.linalg.det(jacobian[0][:, system.dependent])
         free = [k for k in system.dependent if k < mechanism.n_free]
-        plain = np.linalg.det(_chart_slope(mechanism, system, theta)[:, free])
+        plain = np.linalg.det(_chart_slope(mechanism, reading, theta)[:, free])
         factor = 1.0
-        for rod in system.rods:
+        for rod in reading.rods:
             factor *= rod.length if rod.planar else rod.length**2 * np.cos(theta[rod.place][1])
         assert abs(with_rods) == pytest.approx(abs(factor * plain), rel=1e-5)
 
 
-def _chart_slope(mechanism, system, theta, step=1e-6):
+def _chart_slope(mechanism, reading, theta, step=1e-6):
     """φ's Jacobian by the chart's coordinates, by central differences of the reference's residual."""
     columns = []
     for k in range(mechanism.n_free):
@@ -51,7 +51,7 @@ def _chart_slope(mechanism, system, theta, step=1e-6):
         for side in (1.0, -1.0):
             moved = theta.copy()
             moved[k] += side * step
-            ends.append(mechanism.constraints().residual(system.chart.configuration(moved)))
+            ends.append(mechanism.constraints().residual(reading.configuration(moved)))
         columns.append((ends[0] - ends[1]) / (2.0 * step))
     return np.column_stack(columns)
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from ccpin.domain.boxes import Boxes
 from ccpin.domain.gravity_bounds import (
     _curvature_change,
     _Expansion,
@@ -13,6 +12,7 @@ from ccpin.domain.gravity_bounds import (
     _symmetric,
 )
 from ccpin.domain.gravity_bounds import _variation as variation_of
+from ccpin.proof.newton import Boxes
 
 N, M, P = 4, 2, 2
 

@@ -5,6 +5,7 @@ import pytest
 
 import ccpin
 from ccpin.domain import CellStatus, certify, certify_path, scalar_coordinates_at
+from ccpin.domain.closures.system import reading_of
 from ccpin.domain.folds import singular_points
 from ccpin.domain.refutation import line_problem
 from tests.oracles import rpdr as oracle
@@ -126,8 +127,9 @@ def test_theorem_s_has_no_false_proofs():
     found = singular_points(problem, start, directions)
     assert found.proved.sum() > 20
     mechanism = ccpin.load("planar_3rrr")
+    reading = reading_of(mechanism, mechanism.q_reference)
     for k in np.flatnonzero(found.proved):
-        q_free = system.chart.configuration(found.theta[k])
+        q_free = reading.configuration(found.theta[k])
         assert np.abs(mechanism.constraints().residual(q_free)).max() < 1e-9 + 10 * found.error[k]
         assert least_singular_value(mechanism, q_free) < 1e-9 + 100 * found.error[k]
         gap = found.theta[k, system.independent] - start[k, system.independent] - found.along[k] * directions[k]

@@ -18,8 +18,7 @@ from ccpin import domain
 from ccpin.domain import certify, certify_sheets
 from ccpin.domain.atlas.cells import WHOLE
 from ccpin.domain.atlas.run import Runner, Work, stoppable
-from ccpin.domain.boxes import problem_of
-from ccpin.domain.chains import closure_system
+from ccpin.domain.closures.system import reading_of
 from ccpin.domain.curves import following, search
 from ccpin.errors import DifferentSubjectsError, InvalidInputError
 
@@ -148,7 +147,7 @@ def test_nobody_waits_for_an_executor_that_is_gone(rpdr, monkeypatch):
 
 def test_a_slow_executor_is_not_given_up(rpdr):
     """What takes longer than a while is computed here, and the rest is the executor's."""
-    problem = problem_of(closure_system(rpdr, rpdr.q_reference), "auto")
+    problem = reading_of(rpdr, rpdr.q_reference).problem
     done = []
 
     class Slow:

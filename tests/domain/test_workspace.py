@@ -10,9 +10,9 @@ import ccpin
 from ccpin import domain
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.boxes import certify_boxes
-from ccpin.domain.demands import conditioning
 from ccpin.domain.workspace import task_problem
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
+from ccpin.proof.requirements import conditioning
 from tests.oracles import delta as delta_oracle
 from tests.oracles import rpdr as rpdr_oracle
 from tests.oracles import stewart as stewart_oracle
@@ -182,8 +182,8 @@ def test_dexterity_is_kept(stewart, rng):
 def test_conditioning_encloses(stewart):
     start = task_problem(stewart, None, True, 0.1, 0.25, "auto")
     half = np.array([[0.002, 0.002, 0.002, 0.0, 0.0, 0.0]])
-    box = certify_boxes(start.problem, start.theta[None], half, np.eye(6))
-    low, high = conditioning(start.problem, start.problem.demands, box.boxes)
+    box = certify_boxes(start.reading.problem, start.theta[None], half, np.eye(6))
+    low, high = conditioning(start.reading.problem, start.reading.problem.requirements, box.boxes)
     exact = conditioned(np.append(CENTRE, np.zeros(3)), 0.25)
     assert low[0] <= exact <= high[0]
     assert high[0] - low[0] < 0.1
@@ -207,9 +207,10 @@ def test_saved_with_its_demands(stewart, tmp_path):
     atlas.save(tmp_path / "atlas.json")
     again = Atlas.load(tmp_path / "atlas.json")
     assert again.verify().all()
-    assert again.problem.demands is not None
-    tight = again.problem.demands._replace(upper=again.problem.demands.upper - 10.0)
-    assert not replace(again, problem=again.problem._replace(demands=tight)).verify().any()
+    assert again.problem.requirements is not None
+    tight = again.problem.requirements._replace(upper=again.problem.requirements.upper - 10.0)
+    tighter = again.reading._replace(problem=again.problem._replace(requirements=tight))
+    assert not replace(again, reading=tighter).verify().any()
 
 
 def test_wrong_arguments(stewart, delta):

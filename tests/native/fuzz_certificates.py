@@ -1,4 +1,4 @@
-"""Certificates for the fuzzer: bounds, Theorem K, Newton, gluing and contacts with sound and with spoilt arguments."""
+"""Certificates for the fuzzer: bounds, Theorem N, Newton, gluing and contacts with sound and with spoilt arguments."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from ccpin.domain.atlas.cells import CellTree
-from ccpin.domain.bounds_planar import phasors_of
-from ccpin.domain.boxes import Boxes, certify_boxes, problem_of
-from ccpin.domain.chains import closure_system
-from ccpin.domain.in_core import numbers_of
+from ccpin.domain.boxes import certify_boxes
+from ccpin.domain.closures.system import reading_of
 from ccpin.errors import CcpinError
 from ccpin.native._core import Certifier, contacts
+from ccpin.native.certifier import numbers_of
+from ccpin.proof.equations import problem_of
+from ccpin.proof.newton import Boxes
+from ccpin.proof.phasors import phasors_of
 from tests.native.spoiling import spoil, spoilt_array
 
 
@@ -22,7 +24,7 @@ def ask_for_certificates(mechanism: Any, rng: np.random.Generator) -> int:
     """Everything certificates ask of the core, about one mechanism's closures; returns how many calls that made."""
     calls = _ask_for_contacts(rng)
     try:
-        system = closure_system(mechanism, mechanism.q_reference)
+        system = reading_of(mechanism, mechanism.q_reference).system
     except CcpinError:  # a closure that certificates do not know
         return calls
     if not system.m:

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from scipy.linalg import qr
 
-from ccpin.domain.boxes import Boxes, bounds_of, problem_of
-from ccpin.domain.chains import closure_system
-from ccpin.domain.in_core import certifier
+from ccpin.domain.closures.system import reading_of
 from ccpin.native import backend
+from ccpin.native.certifier import certifier
+from ccpin.proof.equations import problem_of
+from ccpin.proof.newton import Boxes, bounds_of
 from tests.support.closures import ARMS, KINDS, PLANAR, SPATIAL, closed_problem, two_arms
 
 if backend().name != "native":
@@ -65,7 +66,7 @@ def problems():
     for arms in ARMS.values():
         for kind in KINDS:
             mechanism = two_arms(arms, kind)
-            system = closure_system(mechanism, mechanism.q_reference)
+            system = reading_of(mechanism, mechanism.q_reference).system
             theta = rng.uniform(-0.8, 0.8, (1, mechanism.n_free))
             order = qr(certifier(system, None).values(theta)[1][0], pivoting=True)[2]
             dependent, independent = np.sort(order[: system.m]), np.sort(order[system.m :])

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.domain.chains import Chain
 from ccpin.errors import UnsupportedMechanismError
+from ccpin.proof.chains import Chain
 from ccpin.proof.ranges import NO_LIMIT, Ranges, Reason, ranges_of, ranges_over
 
 X, Y, Z = np.eye(3)

@@ -1,8 +1,8 @@
 """Taylor bounds where they are attained: cubic maps, of which every bound's sharp value is known.
 
-G = −(c + Jx + ½ Hxx + ⅙ Txxx) + x_M, its coefficients nonnegative and x_M the last M unknowns, E its columns. Then f(δ, 0)
-and I − f_ζ are sums of nonnegative terms that are largest at the corner δ = h, ζ = R: Y, Z(R)w and Z̄(R)R are values of
-the map there, neither more nor less.
+G = −(c + Jx + ½ Hxx + ⅙ Txxx) + x_M, its coefficients nonnegative and x_M the last M unknowns, E its columns. Then
+f(δ, 0) and I − f_ζ are sums of nonnegative terms that are largest at the corner δ = h, ζ = R: Y, Z(R)w and Z̄(R)R are
+values of the map there, neither more nor less.
 """
 
 from types import SimpleNamespace
@@ -10,9 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.domain.bounds import Frame
-from ccpin.domain.boxes import Boxes
-from ccpin.proof.solutions import holds
+from ccpin.proof.bounds import Frame
+from ccpin.proof.newton import Boxes, holds
 from ccpin.proof.taylor import Pattern, Point, selected, taylor_bounds
 
 N, M, P = 5, 2, 3

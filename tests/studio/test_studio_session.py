@@ -177,13 +177,12 @@ def test_a_damaged_cache_is_no_cache(subjects, tmp_path):
 
 def test_the_fingerprint_is_of_the_closures(subjects):
     """The same file has the same fingerprint, another size another."""
-    from ccpin.domain.boxes import problem_of
-    from ccpin.domain.chains import scalar_coordinates_at, seed_at_coordinates
+    from ccpin.domain.closures.seeds import scalar_coordinates_at, seed_at_coordinates
 
     def key(name):
         mechanism = ccpin.load(name)
         seed = seed_at_coordinates(mechanism, scalar_coordinates_at(mechanism, mechanism.q_reference))
-        return fingerprint(problem_of(seed.system, "auto"), kind="atlas")
+        return fingerprint(seed.reading, kind="atlas")
 
     assert key("rpdr") == key("rpdr") != key("four_bar")
 

@@ -6,8 +6,7 @@ import numpy as np
 
 import ccpin
 from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link
-from ccpin.domain.boxes import problem_of
-from ccpin.domain.chains import closure_system
+from ccpin.domain.closures.system import reading_of
 
 PLANAR = ("rpdr", "four_bar", "slider_crank", "planar_3rrr")
 SPATIAL = ("delta", "stewart", "hexa")
@@ -60,5 +59,5 @@ def two_arms(arms, kind):
 
 def closed_problem(name, bounds):
     mechanism = ccpin.load(name)
-    system = closure_system(mechanism, mechanism.q_reference)
-    return problem_of(system, bounds), system.theta(mechanism.q_reference)
+    reading = reading_of(mechanism, mechanism.q_reference)
+    return reading.bounded(bounds).problem, reading.theta(mechanism.q_reference)

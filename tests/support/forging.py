@@ -335,7 +335,7 @@ def _of_atlas(rng, found, made, closures, points):
 
 def _theta(found, q_free, q):
     theta = np.zeros(found.problem.system.n_free)
-    theta[: found.problem.system.chart.n_free] = found.problem.system.chart.theta(q_free)
+    theta[: found.reading.chart.n_free] = found.reading.chart.theta(q_free)
     theta[found.problem.system.independent] = q
     return theta
 
@@ -386,7 +386,7 @@ def _of_cover(rng, found, made, original, closures, points):
     chosen, region = tubes[rng.integers(len(tubes), size=points)], found.region
     q = chosen[:, closures.q]
     inside = np.all((q >= region.lower) & (q <= region.upper), axis=1)
-    known = found.problem.system.chart.configuration(chosen[inside])
+    known = found.reading.configuration(chosen[inside])
     if unmoved and len(known) and not np.all((found.curve_of(known) >= 0) | found.is_uncovered(known)):
         return "a singular configuration on no curve"
     if unmoved and len(found.curves) > len(sizes):
@@ -394,6 +394,6 @@ def _of_cover(rng, found, made, original, closures, points):
     for q in rng.uniform(found.region.lower, found.region.upper, (points, len(found.names))):
         for theta in closures.solutions(rng, q, chosen[0], np.pi):
             regular = np.linalg.svd(closures.slope(theta[None]))[1][0, -1] > 0.02
-            if regular and found.curve_of(found.problem.system.chart.configuration(theta[None]))[0] >= 0:
+            if regular and found.curve_of(found.reading.configuration(theta[None]))[0] >= 0:
                 return "a regular configuration on a curve"
     return None

@@ -8,7 +8,8 @@ from ccpin.domain.atlas.merging import split_region
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.atlas.run import Work
 from ccpin.domain.atlas.survey import certify
-from ccpin.domain.chains import scalar_coordinates_at
+from ccpin.domain.closures.seeds import scalar_coordinates_at
+from ccpin.domain.closures.task_space import JointSpace
 from ccpin.domain.curves.cover import CrossedCells, SingularCover, UncoveredBoxes
 from ccpin.domain.curves.curve import CertifiedCurve
 from ccpin.domain.curves.curves import certify_singularities
@@ -28,7 +29,6 @@ from ccpin.domain.singularities import (
     singularities,
     singularity_distance,
 )
-from ccpin.domain.task_space import JointSpace
 from ccpin.domain.theorem2.system import QuadraticSystem
 from ccpin.domain.theorem2.theorem2 import Theorem2Result, theorem2, theorem2_radius
 from ccpin.domain.workspace import certify_workspace

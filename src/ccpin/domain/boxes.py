@@ -1,179 +1,30 @@
-"""One box: existence and uniqueness of σ by a parametric Krawczyk operator (averaged Newton–Kantorovich).
-
-Theorem K and the corollary of gluing are stated and proved in `ccpin/proof/theorems/boxes.md`. Here boxes are made and
-its inequalities checked: Y, Z and Z̄ from `bounds`, (K1) and (K2) in `verify`.
-"""
+"""Boxes of Theorem N, proposed: directions, modes, preconditioner and radii; `ccpin.proof.newton` checks them."""
 
 from __future__ import annotations
 
-from contextlib import suppress
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, apply, choice, rows_of
-from ccpin.domain.bounds import Bounds, Frame
-from ccpin.domain.bounds_planar import Phasors, phasor_values, phasors_of, planar_bounds
-from ccpin.domain.bounds_reach import reach_bounds
-from ccpin.domain.chain_stack import ChainStack, Derivatives, derivatives, first_order, stack_chains
-from ccpin.domain.chains import ClosureSystem
-from ccpin.domain.in_core import certifier
-from ccpin.errors import UnsupportedMechanismError
-from ccpin.proof.rounding import SLACK, widened
-
-BoundsName = Literal["auto", "reach", "planar"]
+from ccpin.arrays import Array, Mask, inverses, solve_many
+from ccpin.native.certifier import certifier
+from ccpin.proof.bounds import Bounds
+from ccpin.proof.chains import ClosureSystem
+from ccpin.proof.equations import Problem, closure_values
+from ccpin.proof.newton import Boxes, bounds_of, holds, weights_for
 
 _INFLATION = 1e-4
 _SETTLED = 1.0 + 1e-6
 _ROUNDS = 30
-_POWERS = 8
 _LEAST, _ROOM = 1e-11, 16.0
 _LARGEST = 1e6
-_ROUNDED = 1e-9  # room in κ for bounds computed in another order (the compiled core's)
-
-
-class Demands(NamedTuple):
-    """What boxes are to meet besides Theorem K (`ccpin.domain.demands`).
-
-    Attributes:
-        lower, upper: Limits of θ, of shape (n′,) each, ±∞ where there is none.
-        driven: Indices in θ of the coordinates that motors drive; none: they are not looked at.
-        units: What a unit of each parameter counts as where dexterity is measured: 1, or a length for turns, (n,).
-        dexterity: The least 1/κ; 0: that the motors determine the motion is all that is asked.
-    """
-
-    lower: Array
-    upper: Array
-    driven: Indices
-    units: Array
-    dexterity: float
-
-
-class Problem(NamedTuple):
-    """What is to be proved, picklable.
-
-    Attributes:
-        system: The closures.
-        stack: Their chains side by side.
-        phasors: Their phasor form, where planar bounds are used.
-        demands: What is asked besides, if anything.
-    """
-
-    system: ClosureSystem
-    stack: ChainStack
-    phasors: Phasors | None
-    demands: Demands | None = None
-
-
-class Boxes(NamedTuple):
-    """B certified boxes, exactly the data of Theorem K.
-
-    Attributes:
-        centre: θ_c, of shape (B, n′).
-        half: h, of shape (B, p).
-        directions: D, of shape (B, n′, p).
-        modes: V, of shape (B, m, m).
-        preconditioner: Ã, of shape (B, m, m).
-        radius: R, of shape (B, m).
-        weight: w, of shape (B, m).
-        kappa: κ, of shape (B,).
-    """
-
-    centre: Array
-    half: Array
-    directions: Array
-    modes: Array
-    preconditioner: Array
-    radius: Array
-    weight: Array
-    kappa: Array
-
-    def take(self, index: Indices | Mask) -> Boxes:
-        """The boxes chosen by an index or a mask; these themselves where a mask has all."""
-        return self if index.dtype == np.bool_ and index.all() else rows_of(self, index)
-
-    def without_rows(self, p: int) -> Boxes:
-        """No boxes (B = 0), with p parameters."""
-        none = rows_of(self, slice(0))
-        return none._replace(half=np.zeros((0, p)), directions=np.zeros((0, self.centre.shape[1], p)))
 
 
 class Tried(NamedTuple):
-    """Boxes tried, and which of them satisfy Theorem K (the others' numbers mean nothing)."""
+    """Boxes tried, and which of them satisfy Theorem N (the others' numbers mean nothing)."""
 
     boxes: Boxes
     proved: Mask
-
-
-def problem_of(system: ClosureSystem, bounds: BoundsName = "auto") -> Problem:
-    """Choose the bounds: planar where every chain is planar (``"auto"``), or as told.
-
-    Raises:
-        UnsupportedMechanismError: Planar bounds were asked for and the mechanism is not planar.
-    """
-    choice(bounds, "bounds", ("auto", "reach", "planar"))
-    phasors = None if bounds == "reach" else phasors_of(system)
-    if bounds == "planar" and phasors is None:
-        raise UnsupportedMechanismError(
-            "planar bounds need closures whose turning axes are parallel, with slides before the turns; "
-            'use bounds="reach"'
-        )
-    return Problem(system, stack_chains(system.chains, system.n_free, system.m), phasors)
-
-
-def closure_values(problem: Problem, theta: Array) -> tuple[Array, Array]:
-    """φ (B, m) and φ_θ (B, m, n′) at θ (B, n′)."""
-    if problem.phasors is not None:
-        found = phasor_values(problem.phasors, theta)
-        return found.phi, found.jacobian
-    return first_order(problem.system, problem.stack, theta)[:2]
-
-
-def closure_derivatives(problem: Problem, theta: Array) -> Derivatives:
-    """φ, φ_θ and φ_θθ at θ (B, n′), each entry within γ · magnitude."""
-    core = certifier(problem.system, problem.phasors)
-    if core is not None:
-        return Derivatives(*core.derivatives(theta))
-    return derivatives(problem.system, problem.stack, theta)
-
-
-def bounds_of(problem: Problem, boxes: Boxes, modes: Array | None = None) -> Bounds:
-    """The bounds that Theorem K needs, for boxes as given (h is widened here), or with another E (B, n′, m)."""
-    system, theta = problem.system, boxes.centre
-    if modes is None:
-        modes = np.zeros((*theta.shape, system.m))
-        modes[:, system.dependent] = boxes.modes
-    half = widened(measured_from(system, boxes), boxes.half)
-    frame = Frame(boxes.preconditioner, boxes.directions, modes, half, system.rounding * system.magnitude(theta))
-    if problem.phasors is not None:
-        return planar_bounds(problem.phasors, phasor_values(problem.phasors, theta), frame)
-    return reach_bounds(problem.stack, theta, derivatives(system, problem.stack, theta), frame)
-
-
-def measured_from(system: ClosureSystem, boxes: Boxes) -> Array:
-    """What the parameters δ are measured from, for `widened`: q_c, of shape (B, n), where they are those of q-space.
-
-    Else |θ_c| at most, of shape (B, 1).
-    """
-    if boxes.half.shape[1] == system.n:
-        return np.asarray(boxes.centre[:, system.independent])
-    return np.asarray(np.abs(boxes.centre).max(axis=1, keepdims=True))
-
-
-def verify(problem: Problem, boxes: Boxes) -> Mask:
-    """Check (K1) and (K2) for boxes as they are, from scratch; of shape (B,)."""
-    with np.errstate(all="ignore"):
-        return _holds(bounds_of(problem, boxes), boxes)
-
-
-def _holds(bounds: Bounds, boxes: Boxes) -> Mask:
-    radius, weight = boxes.radius, boxes.weight
-    image = bounds.y + bounds.mean(radius).of(radius)
-    shrunk = bounds.contraction(radius, weight).of(weight)
-    inside = np.all(image * SLACK < radius, axis=1)
-    contracts = np.all(shrunk * SLACK <= boxes.kappa[:, None] * weight, axis=1)
-    finite = np.isfinite(image + shrunk).all(axis=1) & (boxes.kappa < 1.0)
-    return np.asarray(inside & contracts & finite & np.all(weight > 0.0, axis=1))
 
 
 def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -> Tried:
@@ -276,7 +127,7 @@ def _attempt(problem: Problem, boxes: Boxes, roomy: bool) -> Tried:
     if candidates.size:
         bounds = bounds.take(candidates)
         boxes.weight[candidates], boxes.kappa[candidates] = weights_for(bounds, radius[candidates])
-        proved[candidates] = _holds(bounds, boxes.take(candidates))
+        proved[candidates] = holds(bounds, boxes.take(candidates)).proved
     return Tried(boxes, proved)
 
 
@@ -312,55 +163,3 @@ def _radius(bounds: Bounds) -> Array:
         active, here = active[going], here.take(going)
         base, trial, step = base[going], trial[going], step[going]
     return found
-
-
-def weights_for(bounds: Bounds, radius: Array) -> tuple[Array, Array]:
-    """A w > 0 with Zw ≤ κw, κ < 1 where the spectral radius allows it, from w = (I − M)⁻¹(1 + t(1)) by power steps.
-
-    The inequality is checked with the factors that (K2) is, so where κ < 1 the spectral radius of Z is proved to be.
-
-    Returns:
-        w, of shape (B, m), and κ, of shape (B,).
-    """
-    image = bounds.contraction(radius, np.ones_like(radius))
-    weight = np.abs(solve_many(np.eye(radius.shape[1]) - image.matrix, 1.0 + image.rest))
-    best, kappa = np.ones_like(radius), np.full(len(radius), np.inf)
-    active = np.arange(len(radius))
-    for _ in range(_POWERS):
-        weight = weight / weight.max(axis=1, keepdims=True)
-        shrunk = bounds.contraction(radius[active], weight).of(weight)
-        best[active], kappa[active] = weight, (shrunk / weight).max(axis=1) * SLACK * SLACK + _ROUNDED
-        going = np.flatnonzero(~(kappa[active] < 1.0))
-        if not going.size:
-            break
-        weight, active, bounds = 0.5 * (weight + shrunk)[going], active[going], bounds.take(going)
-    return best, kappa
-
-
-# Inverses and solutions of many small matrices, NaN instead of an exception where one is singular.
-
-
-def inverses(matrices: Array) -> Array:
-    """Inverses of a batch; where there is none, NaN."""
-    result = np.full_like(matrices, np.nan)
-    usable = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
-    try:
-        result[usable] = np.linalg.inv(matrices[usable])
-    except np.linalg.LinAlgError:
-        for k in np.flatnonzero(usable):
-            with suppress(np.linalg.LinAlgError):
-                result[k] = np.linalg.inv(matrices[k])
-    return result
-
-
-def solve_many(matrices: Array, right: Array) -> Array:
-    """Solve a batch of m×m systems; NaN where singular."""
-    if matrices.shape[1] == 2:
-        a, b, c, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
-        det = a * d - b * c
-        x, y = right[:, 0], right[:, 1]
-        return np.stack([(d * x - b * y) / det, (a * y - c * x) / det], axis=1)
-    try:
-        return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
-    except np.linalg.LinAlgError:
-        return apply(inverses(matrices), right)

@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, rows_of
-from ccpin.domain.boxes import Boxes, Problem, certify_points
-from ccpin.domain.newton import newton, predict
-from ccpin.proof.closures import Closures, closures_of
+from ccpin.domain.boxes import certify_points
+from ccpin.domain.newton import newton
+from ccpin.proof.equations import Problem, closures_of
 from ccpin.proof.facts import Fact, prove_some
+from ccpin.proof.newton import Boxes, predict
 from ccpin.proof.solutions import Glued, Met, Solutions, boxes_of
 
 _NEWTON = 12
@@ -32,19 +33,14 @@ class Seams(NamedTuple):
         return cls(number, number, point, point)
 
 
-def equations_of(problem: Problem) -> Closures:
-    """A problem's closures as the kernel has them."""
-    return closures_of(problem.system, problem.phasors is not None)
-
-
 def proved_boxes(problem: Problem, boxes: Boxes) -> tuple[Fact, Mask]:
     """The fact about those boxes that the kernel finds proved, and which they are."""
-    return prove_some(Solutions(equations_of(problem), *boxes))
+    return prove_some(Solutions(closures_of(problem), *boxes))
 
 
 def proved_glue(problem: Problem, seams: Seams, solutions: tuple[Fact, ...]) -> tuple[Fact, ...]:
     """The facts that boxes carry the same σ at common points; where a ball is too large a fresh point is enclosed."""
-    equations = equations_of(problem)
+    equations = closures_of(problem)
     fact, same = prove_some(Glued(equations, *seams), *solutions)
     left = np.flatnonzero(~same)
     if not left.size:
@@ -64,5 +60,6 @@ def proved_points(problem: Problem, theta: Array) -> tuple[Fact, Indices]:
     found = certify_points(problem, theta)
     rows = np.flatnonzero(found.proved)
     boxes = found.boxes.take(rows)
-    fact, enclosed = prove_some(Solutions(equations_of(problem), *boxes._replace(radius=_WIDER * boxes.radius)))
+    wider = boxes._replace(radius=_WIDER * boxes.radius, kappa=0.5 * (1.0 + boxes.kappa))
+    fact, enclosed = prove_some(Solutions(closures_of(problem), *wider))
     return fact, rows[enclosed]

@@ -26,8 +26,8 @@ and Schaeffer, "Singularities and groups in bifurcation theory I", 1985). 2 is r
 about (0, 0) in the plane of (a, b) that begins and ends at a < 0, b = 0, the root followed is the largest at one
 end and the least at the other and is simple all along. ∎
 
-Δ. With τ_i bounding every third and fourth derivative of φ_i on the ball (`bounds_reach.chain_reach`; a derivative of a
-chain's tip of any order is at most ρ of its deepest joint), P = n′ and V = |v₀|₁ + mr,
+Δ. With τ_i bounding every third and fourth derivative of φ_i on the ball (`ccpin.proof.reach.chain_reach`; a
+derivative of a chain's tip of any order is at most ρ of its deepest joint), P = n′ and V = |v₀|₁ + mr,
 
     |φ_θθ − φ_θθ(θ₀)| ≤ τPr,     |φ_θ − φ_θ(θ₀)| ≤ (|φ_θθ(θ₀)|1 + τP²r) r,
     |φ_θθv − φ_θθ(θ₀)v₀| ≤ |φ_θθ(θ₀)|1 r + τPrV,     likewise for w,
@@ -46,13 +46,14 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, apply, records, rows_of
 from ccpin.domain.atlas.cells import Corners, corners_of
-from ccpin.domain.boxes import Problem, closure_derivatives, problem_of
-from ccpin.domain.chain_stack import Derivatives, third_along
-from ccpin.domain.chains import closure_system
-from ccpin.domain.extended import proved_within, solved, third_bound
-from ccpin.domain.newton import without_turns
+from ccpin.domain.closures.system import Reading, reading_of
+from ccpin.domain.extended import solved
+from ccpin.domain.newton import closure_derivatives
 from ccpin.domain.singularities import SingularCurve, singularities
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.equations import Derivatives, Problem, third_bound
+from ccpin.proof.newton import proved_within, without_turns
+from ccpin.proof.tips import third_along
 
 _STEPS = 40
 _SAME = 1e-6
@@ -210,29 +211,29 @@ def cusps(
     mechanism = mechanism_of(mechanism)
     given = singularities(mechanism) if curves is None else records(curves, "curves", SingularCurve)
     folds = [curve for curve in given if curve.kind == "fold"]
-    problem = problem_of(closure_system(mechanism, mechanism.q_reference), "reach")
+    reading = reading_of(mechanism, mechanism.q_reference).bounded("reach")
     found: list[Cusp] = []
     for curve in folds:
-        theta = np.array([problem.system.theta(q_free) for q_free in curve.q_free])
-        found += proved_cusps(problem, theta[_turning(problem, theta, curve.closed)])
+        theta = np.array([reading.theta(q_free) for q_free in curve.q_free])
+        found += proved_cusps(reading, theta[_turning(reading.problem, theta, curve.closed)])
     low, high = (
         (np.full(2, -np.inf), np.full(2, np.inf)) if region is None else corners_of(region, mechanism.independent)
     )
-    return distinct(problem, [cusp for cusp in found if np.all((cusp.q >= low) & (cusp.q <= high))])
+    return distinct(reading, [cusp for cusp in found if np.all((cusp.q >= low) & (cusp.q <= high))])
 
 
-def distinct(problem: Problem, found: Sequence[Cusp]) -> tuple[Cusp, ...]:
+def distinct(reading: Reading, found: Sequence[Cusp]) -> tuple[Cusp, ...]:
     """Each cusp once: those that agree modulo 2π are the same."""
     kept: list[Cusp] = []
     for cusp in found:
-        if not any(_same(problem, cusp, other) for other in kept):
+        if not any(_same(reading, cusp, other) for other in kept):
             kept.append(cusp)
     return tuple(kept)
 
 
-def _same(problem: Problem, one: Cusp, other: Cusp) -> bool:
-    gap = problem.system.theta(one.q_free) - problem.system.theta(other.q_free)
-    gap = without_turns(gap, problem.system.periodic)
+def _same(reading: Reading, one: Cusp, other: Cusp) -> bool:
+    gap = reading.theta(one.q_free) - reading.theta(other.q_free)
+    gap = without_turns(gap, reading.system.periodic)
     return bool(np.abs(gap).max() < _SAME)
 
 
@@ -253,18 +254,18 @@ def _turning(problem: Problem, theta: Array, closed: bool) -> Array:
     return np.unique(np.concatenate([at, following[at]]))
 
 
-def proved_cusps(problem: Problem, theta: Array) -> list[Cusp]:
+def proved_cusps(reading: Reading, theta: Array) -> list[Cusp]:
     """The cusps that Newton's method finds from singular configurations θ (B, n′) and Theorem C proves."""
     if not len(theta):
         return []
+    problem, independent = reading.problem, reading.system.independent
     slope = closure_derivatives(problem, theta).jacobian[:, :, problem.system.dependent]
     equations = _Equations(problem, np.linalg.svd(slope)[2][:, -1])
     with np.errstate(all="ignore"):
         point = equations.at(solved(equations, equations.start(theta), _STEPS))
         error = _proved_within(equations, point)
-    chart, independent = problem.system.chart, problem.system.independent
     return [
-        Cusp(point.theta[k, independent], chart.configuration(point.theta[k]), point.v[k], float(error[k]))
+        Cusp(point.theta[k, independent], reading.configuration(point.theta[k]), point.v[k], float(error[k]))
         for k in np.flatnonzero(np.isfinite(error))
     ]
 

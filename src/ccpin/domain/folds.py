@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
-from ccpin.domain.boxes import Problem, closure_derivatives, closure_values
-from ccpin.domain.chain_stack import Derivatives
-from ccpin.domain.extended import proved_within, solved, third_bound
+from ccpin.domain.extended import solved
+from ccpin.domain.newton import closure_derivatives
+from ccpin.proof.equations import Derivatives, Problem, closure_values, third_bound
+from ccpin.proof.newton import proved_within
 
 _STEPS, _STEPS_AHEAD = 40, 8
 

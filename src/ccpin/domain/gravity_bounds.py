@@ -17,7 +17,7 @@ Hessian. σ's slope is ρ = D + Eη, f_ζη = −f_δ, its curvature Eζ″ with
 
     ∂g/∂q_kl = ρ_kᵀ L_θθ ρ_l + L_ζ ζ″_kl.
 
-(K2), |I − f_ζ| w ≤ κw on the tube, gives y = |f_ζ⁻¹x| ≤ max_i(|x_i|/w_i)/(1 − κ) · w, which y ≤ |x| + Z y with a bound
+(N2), |I − f_ζ| w ≤ κw on the tube, gives y = |f_ζ⁻¹x| ≤ max_i(|x_i|/w_i)/(1 − κ) · w, which y ≤ |x| + Z y with a bound
 Z ≥ |I − f_ζ| then sharpens. Here f_δ, L_ζ and L_θθ − L_θθ(θ_c) are of order h, so ∂g/∂q − H is too, with the bound
 that `_variation` assembles term by term.
 
@@ -32,14 +32,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, apply, cross
-from ccpin.domain.bounds_reach import chain_reach
-from ccpin.domain.boxes import Boxes, Problem
-from ccpin.domain.chain_stack import ChainStack, derivatives, gather, move, stack_chains
-from ccpin.domain.chains import ClosureSystem, chain_of, steps_along
-from ccpin.domain.chart import elementary_joints
+from ccpin.domain.closures.scalar_coordinates import elementary_joints
+from ccpin.domain.closures.system import Reading, chain_of, steps_along
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.chains import ChainStack, gather, stack_chains
+from ccpin.proof.equations import Problem, derivatives
+from ccpin.proof.newton import Boxes
+from ccpin.proof.reach import chain_reach
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, widened
+from ccpin.proof.tips import move
 
 _SHARPENING = 6
 
@@ -81,7 +83,7 @@ class _Expansion(NamedTuple):
     """The rows (f, L) = (Ãφ, V′ + μf) about the centre; L is the last of the m + 1 rows.
 
     Attributes:
-        boxes: Theorem K's data, h widened.
+        boxes: Theorem N's data, h widened.
         modes: E, of shape (B, n′, m).
         moves: W, of shape (B, n′).
         value: L_c, of shape (B,).
@@ -124,7 +126,7 @@ def _expand(problem: Problem, potential: Potential, boxes: Boxes) -> _Expansion:
     modes[:, system.dependent] = boxes.modes
     moves = apply(np.abs(boxes.directions), half) + apply(np.abs(modes), boxes.radius)
     reach = np.abs(theta) + moves
-    closure, gravity = derivatives(system, problem.stack, theta), potential_values(potential, theta)
+    closure, gravity = derivatives(problem, theta), potential_values(potential, theta)
     mu = -apply(np.swapaxes(modes, 1, 2), gravity.gradient)
     weights = np.concatenate([boxes.preconditioner, mu[:, None] @ boxes.preconditioner], axis=1)
     slope = weights @ closure.jacobian
@@ -277,17 +279,17 @@ class PotentialValues(NamedTuple):
     arms: Array
 
 
-def potential_of(mechanism: Mechanism, system: ClosureSystem, gravity: Array | None = None) -> Potential:
-    """V′ of a mechanism in the chart of its closure system, under gravity (m/s², world axes; default the file's).
+def potential_of(mechanism: Mechanism, reading: Reading, gravity: Array | None = None) -> Potential:
+    """V′ of a mechanism in the chart of its closures, under gravity (m/s², world axes; default the file's).
 
     Raises:
         UnsupportedMechanismError: No movable link has mass, or a ball joint has a spring.
     """
-    model, joints = mechanism.tree.model, mechanism.joints
+    model, joints, size = mechanism.tree.model, mechanism.joints, reading.system.n_free
     for joint in mechanism.tree.joints:
         if joint.stated.stiffness and joint.kind.unit:
             raise UnsupportedMechanismError(f"the spring of the {joint.kind.name} joint '{joint.name}' is not bounded")
-    elementary = elementary_joints(mechanism, system.chart)
+    elementary = elementary_joints(mechanism, reading.chart)
     gravity = np.asarray(model.gravity.linear) if gravity is None else gravity
     chains = []
     for number, inertia in enumerate(model.inertias):
@@ -302,12 +304,12 @@ def potential_of(mechanism: Mechanism, system: ClosureSystem, gravity: Array | N
     depth = max(len(chain.joints) for chain in chains)
     lengths = [np.linalg.norm(c.translations, axis=1).sum() + np.linalg.norm(c.tip) for c in chains]
     return Potential(
-        stack=stack_chains(tuple(chains), system.n_free, 1),
+        stack=stack_chains(tuple(chains), size, 1),
         forces=np.array([np.linalg.norm(chain.weights) for chain in chains]),
         lengths=np.array(lengths),
-        stiffness=_padded(joints.stiffness, system.n_free),
-        rest=_padded(joints.spring_reference, system.n_free),
-        rounding=(128.0 * (depth + 2) + 4.0 * system.n_free) * UNIT_ROUNDOFF,
+        stiffness=_padded(joints.stiffness, size),
+        rest=_padded(joints.spring_reference, size),
+        rounding=(128.0 * (depth + 2) + 4.0 * size) * UNIT_ROUNDOFF,
     )
 
 

@@ -28,16 +28,16 @@ from ccpin.domain.atlas.build import Shape
 from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.atlas.run import Work, stoppable
 from ccpin.domain.atlas.survey import Effort, survey
-from ccpin.domain.boxes import BoundsName
+from ccpin.domain.closures.task_space import JointSpace
 from ccpin.domain.obstacles import demand_witnesses
 from ccpin.domain.room import roomiest
-from ccpin.domain.task_space import JointSpace
-from ccpin.domain.verdict import Witness
 from ccpin.domain.workspace import Limits, TaskProblem, task_problem
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import mechanism_of
+from ccpin.proof.equations import BoundsName
 from ccpin.proof.rounding import SLACK
+from ccpin.proof.verdict import Witness
 
 _CELLS, _TRIED = 6, 24
 _PUSHED = 4.0
@@ -84,7 +84,7 @@ class LargestWorkspace:
     @cached_property
     def obstacle(self) -> Witness | None:
         """A place outside, as near as was found, at which a straight move from the centre is proved to fail."""
-        found = demand_witnesses(self.atlas.problem, self.atlas.seed, self._suspects())
+        found = demand_witnesses(self.atlas.reading, self.atlas.seed, self._suspects())
         outside = (witness for witness in found if self._distance(witness.q) >= self.half)
         return min(outside, key=lambda witness: self._distance(witness.q), default=None)
 
@@ -154,8 +154,8 @@ def largest_cube(
     Args:
         end_effector: The point of a link that is to get everywhere in it.
         centre: Its position in the middle (metres, in the world; two coordinates in a plane), or all task coordinates
-            (`ccpin.domain.task_space`); default the roomiest place of a map about where `guess` has it (a search first
-            that takes some times as long, and finds it to a thirty-second of the map).
+            (`ccpin.domain.closures.task_space`); default the roomiest place of a map about where `guess` has it (a
+            search first that takes some times as long, and finds it to a thirty-second of the map).
         guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         proportions: What the edges (or the ball's axes) are to one another, one number or one for each: the half
             width found, times these.
@@ -294,7 +294,7 @@ class _Search(NamedTuple):
         """The largest about a centre."""
         theta, most, effort = start.moved_to(goal.centre), self.most, Effort(0, tolerance, seconds=seconds)
         for _ in range(_GROWTHS if self.grows else 1):
-            atlas = survey(start.problem, theta, start.names, goal.region(most), effort, self.work, self.shape)
+            atlas = survey(start.reading, theta, start.names, goal.region(most), effort, self.work, self.shape)
             if not atlas.complete or atlas.radius < most * (1.0 - _EDGE):
                 break
             most *= _GROWN
@@ -319,7 +319,7 @@ class _Search(NamedTuple):
         while True:
             left = None if until is None else max(until - time.monotonic(), 1e-3)
             effort = Effort(depth, seconds=left)
-            atlas = survey(start.problem, theta, start.names, flat.region(half), effort, self.work)
+            atlas = survey(start.reading, theta, start.names, flat.region(half), effort, self.work)
             room = roomiest(atlas, self.shape.round)
             better = room.share * half > best * _BETTER
             if better:
@@ -329,5 +329,5 @@ class _Search(NamedTuple):
             half = min(_GROWN * half, self.reach)
         if found is None:
             return start, goal
-        there = TaskProblem(start.names, start.slides, start.problem, found.theta)
+        there = TaskProblem(start.names, start.slides, start.reading, found.theta)
         return there, goal._replace(centre=found.centre)

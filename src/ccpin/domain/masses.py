@@ -13,13 +13,12 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.domain.affine import Affine
-from ccpin.domain.boxes import Problem
-from ccpin.domain.chain_stack import ChainStack, stack_chains
-from ccpin.domain.chains import Chain, chain_of, steps_along
-from ccpin.domain.chart import elementary_joints
+from ccpin.domain.closures.scalar_coordinates import elementary_joints
+from ccpin.domain.closures.system import Reading, chain_of, steps_along
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.balls import Affine
+from ccpin.proof.chains import Chain, ChainStack, stack_chains
 
 T = TypeVar("T")
 _DATA = 1e-14  # what eigenvalues of a body's second moments may be off by, of the largest
@@ -56,7 +55,7 @@ class Masses(NamedTuple):
     rest: Array
 
 
-def masses_of(mechanism: Mechanism, problem: Problem, gravity: Array) -> Masses:
+def masses_of(mechanism: Mechanism, reading: Reading, gravity: Array) -> Masses:
     """The masses of a mechanism whose joints turn about or slide along one axis each.
 
     Raises:
@@ -68,15 +67,15 @@ def masses_of(mechanism: Mechanism, problem: Problem, gravity: Array) -> Masses:
             f"{mechanism.name}: the {plural.kind.name} joint '{plural.name}' has several freedoms, whose error has no "
             "size that does not depend on a chart; describe it as joints about one axis each"
         )
-    if not problem.system.m:
+    if not reading.system.m:
         raise UnsupportedMechanismError(f"{mechanism.name} has no dependent coordinates, so σ cannot be off")
-    if problem.system.rods:
+    if reading.rods:
         raise UnsupportedMechanismError(
             f"{mechanism.name}: a closure that keeps a distance is certified as a rod, which the law does not compute "
             "with; describe it as a link on joints"
         )
     tips = list[_Tip]()
-    elementary, model = elementary_joints(mechanism, problem.system.chart), mechanism.tree.model
+    elementary, model = elementary_joints(mechanism, reading.chart), mechanism.tree.model
     for number, inertia in enumerate(model.inertias):
         path = steps_along(elementary, list(model.supports[number])[1:]) if number else []
         if inertia.mass and path:
@@ -87,11 +86,11 @@ def masses_of(mechanism: Mechanism, problem: Problem, gravity: Array) -> Masses:
             doubt = _DATA * float(np.abs(moments).max())
             chains = (chain_of(path, axis, True, np.zeros((1, 3))) for axis in axes.T)
             tips += [_Tip(chain, m, doubt, np.zeros(3)) for chain, m in zip(chains, moments, strict=True)]
-    n_free, joints = problem.system.n_free, mechanism.joints
-    loops = _by_length(problem.system.chains, problem.system.chains)
+    n_free, joints = reading.system.n_free, mechanism.joints
+    loops = _by_length(reading.system.chains, reading.system.chains)
     return Masses(
         bodies=tuple(_bodies(group, n_free) for group in _by_length(tips, [tip.chain for tip in tips])),
-        loops=tuple(stack_chains(tuple(group), n_free, problem.system.m) for group in loops),
+        loops=tuple(stack_chains(tuple(group), n_free, reading.system.m) for group in loops),
         armature=joints.armature,
         damping=joints.damping,
         stiffness=joints.stiffness,

@@ -14,7 +14,7 @@ The free system is tips x_c of chains with weights w_c (`masses`): with x_ij = �
     f′_i = Σ_c w_c x_i·(ẍ − γ) + armature A_i + damping W_i + stiffness (θ_i − θ₀_i),        ẍ = x_jk V_j W_k + x_j A_j,
 
 exactly, whatever the joints: x_i·x_jk are the Christoffel symbols. For joints i ≤ j of a chain with axes a and
-x_j = b_j: x_ij = a_i × b_j (`chains`). Everything is evaluated in affine forms (`affine`).
+x_j = b_j: x_ij = a_i × b_j (`ccpin.proof.chains`). Everything is evaluated in affine forms (`ccpin.proof.balls`).
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, skew
-from ccpin.domain.affine import Affine, Inverse, affine, cross, inverse, product, sine_versine, stacked, summed
-from ccpin.domain.boxes import Problem
-from ccpin.domain.chain_stack import ChainStack
 from ccpin.domain.masses import Masses
+from ccpin.proof.balls import Affine, FormInverse, affine, cross, inverse, product, sine_versine, stacked, summed
+from ccpin.proof.chains import ChainStack
+from ccpin.proof.equations import Problem
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 
 
@@ -143,7 +143,7 @@ class Reduced:
             weights = tips.stack.weights
             slope = slope + _placed(tips.stack, product("cmx,bcix->bcmi", weights, tips.first), 1)
             self.bend = self.bend + _placed(tips.stack, product("cmx,bcijx->bcmij", weights, tips.second), 2)
-        self.grip: Inverse = inverse(slope[:, :, self.system.dependent])
+        self.grip: FormInverse = inverse(slope[:, :, self.system.dependent])
         self.rho = self._whole(-self.grip.solve(slope[:, :, self.system.independent]), np.eye(self.system.n))
 
     @cached_property

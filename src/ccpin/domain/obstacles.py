@@ -20,13 +20,15 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array
-from ccpin.domain.boxes import Boxes, Demands, Problem, certify_boxes, certify_points, closure_values
-from ccpin.domain.demands import conditioning, reach, regular
-from ccpin.domain.newton import encloses, solve_in_boxes
+from ccpin.domain.boxes import certify_boxes, certify_points
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.refutation import empty_witness, singular_witness
-from ccpin.domain.verdict import Kind, Witness
 from ccpin.domain.walker import Walker
 from ccpin.errors import SingularConfigurationError
+from ccpin.proof.equations import Problem, Requirements, closure_values
+from ccpin.proof.newton import Boxes, encloses, solve_in_boxes
+from ccpin.proof.requirements import conditioning, reach, regular
+from ccpin.proof.verdict import Kind, Witness
 
 _BACK = (12, 6)
 _STUCK = 3  # lines on which a singular configuration is looked for: a search takes seconds
@@ -34,22 +36,22 @@ _HALVINGS = 12
 _SHARES = (0.3, 0.45, 0.65, 1.0)  # of a line: a demand that fails early spares the way to a singularity
 
 
-def demand_witnesses(problem: Problem, theta: Array, targets: Iterable[Array]) -> Iterator[Witness]:
+def demand_witnesses(reading: Reading, theta: Array, targets: Iterable[Array]) -> Iterator[Witness]:
     """Where demands are proved to fail on straight lines from θ (n′,) to some q (n,), one place a line where found."""
-    demands, stuck = problem.demands, 0
-    plain = problem._replace(demands=None)
-    q = theta[problem.system.independent]
+    asked, stuck = reading.problem.requirements, 0
+    reading = reading._replace(problem=reading.problem._replace(requirements=None))
+    q = theta[reading.system.independent]
     for target in targets:
         for share in _SHARES:
             end = q + share * (target - q)
-            walker = _walked(plain, theta, end)
+            walker = _walked(reading.problem, theta, end)
             if walker is None or len(walker.times) < 2:
                 break
-            found = None if demands is None else _failing(plain, demands, walker)
+            found = None if asked is None else _failing(reading, asked, walker)
             if found is None and walker.here < 1.0:
-                found = empty_witness(plain, end[None])
+                found = empty_witness(reading.problem, end[None])
                 if found is None and stuck < _STUCK:
-                    found, stuck = _singular(walker, end), stuck + 1
+                    found, stuck = _singular(walker, reading, end), stuck + 1
             if found is not None:
                 yield found
             if found is not None or walker.here < 1.0:
@@ -68,36 +70,37 @@ def _walked(problem: Problem, theta: Array, target: Array) -> Walker | None:
     return walker
 
 
-def _singular(walker: Walker, target: Array) -> Witness | None:
+def _singular(walker: Walker, reading: Reading, target: Array) -> Witness | None:
     """A singular configuration on the rest of a line, seen from some steps before a walker's end."""
     for steps in _BACK:
         if steps < len(walker.times):
-            found = singular_witness(walker.back(steps), [target])
+            found = singular_witness(walker.back(steps), reading, [target])
             if found is not None:
                 return found
     return None
 
 
-class _Place(NamedTuple):
+class _PointBox(NamedTuple):
     """Where a walker was at a parameter, enclosed in a box of no width."""
 
     q: Array
     box: Boxes
 
 
-def _failing(problem: Problem, demands: Demands, walker: Walker) -> Witness | None:
+def _failing(reading: Reading, asked: Requirements, walker: Walker) -> Witness | None:
     """The first place found on a walker's way at which a demand is proved to fail, if one fails at its end."""
+    problem = reading.problem
     start = _place(problem, walker, 0.0)
-    sign = 0.0 if start is None or not demands.driven.size else _sign(problem, demands, start)
+    sign = 0.0 if start is None or not asked.driven.size else _sign(reading, asked, start)
     low, high = 0.0, walker.times[-1 if walker.here == 1.0 else max(1, len(walker.times) - 1 - _BACK[0])]
     last = _place(problem, walker, high)
-    kind = None if last is None else _failure(problem, demands, last, sign)
+    kind = None if last is None else _failure(reading, asked, last, sign)
     if last is None or kind is None:
         return None
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         place = _place(problem, walker, middle)
-        here = None if place is None else _failure(problem, demands, place, sign)
+        here = None if place is None else _failure(reading, asked, place, sign)
         if here is None or place is None:
             low = middle
         else:
@@ -106,24 +109,24 @@ def _failing(problem: Problem, demands: Demands, walker: Walker) -> Witness | No
     error = float(np.max(top - bottom))
     if kind == "singular":  # between the last place where the sign is proved to be the start's, and this one
         before = _place(problem, walker, low)
-        kept = before is not None and sign * _sign(problem, demands, before) > 0.0
+        kept = before is not None and sign * _sign(reading, asked, before) > 0.0
         error += float(np.abs(last.q - walker.pieces(low if kept else 0.0)).max())
-    return Witness(kind, last.q, problem.system.chart.configuration(last.box.centre[0]), error)
+    return Witness(kind, last.q, reading.configuration(last.box.centre[0]), error)
 
 
-def _failure(problem: Problem, demands: Demands, place: _Place, sign: float) -> Kind | None:
+def _failure(reading: Reading, asked: Requirements, place: _PointBox, sign: float) -> Kind | None:
     """What is proved to fail at a place, det ψ_q′ having had a sign (0: unknown) at the start."""
-    low, high = reach(problem, place.box)
-    if np.any((low > demands.upper) | (high < demands.lower)):
+    low, high = reach(reading.problem, place.box)
+    if np.any((low > asked.upper) | (high < asked.lower)):
         return "limit"
-    if not demands.driven.size:
+    if not asked.driven.size:
         return None
-    if conditioning(problem, demands, place.box)[1][0] < demands.dexterity:
+    if conditioning(reading.problem, asked, place.box)[1][0] < asked.dexterity:
         return "dexterity"
-    return "singular" if sign * _sign(problem, demands, place) < 0.0 else None
+    return "singular" if sign * _sign(reading, asked, place) < 0.0 else None
 
 
-def _place(problem: Problem, walker: Walker, at: float) -> _Place | None:
+def _place(problem: Problem, walker: Walker, at: float) -> _PointBox | None:
     """A walker's place at a parameter, if it can be enclosed there."""
     k = int(np.clip(np.searchsorted(walker.times, at, side="right") - 1, 0, len(walker.times) - 2))
     boxes, start, end = walker.boxes.take(np.array([k])), walker.times[k], walker.times[k + 1]
@@ -137,22 +140,22 @@ def _place(problem: Problem, walker: Walker, at: float) -> _Place | None:
     in_both = encloses(problem, boxes, delta, *ball) & encloses(problem, still.boxes, np.zeros((1, n)), *ball)
     if not (still.proved & point.proved & in_both)[0]:
         return None
-    return _Place(theta[0, problem.system.independent], still.boxes)
+    return _PointBox(theta[0, problem.system.independent], still.boxes)
 
 
-def _sign(problem: Problem, demands: Demands, place: _Place) -> float:
+def _sign(reading: Reading, asked: Requirements, place: _PointBox) -> float:
     """The sign of det ψ_q′, 0 where it is not proved to be nonsingular.
 
     Of φ's rows alone, without those that hold a carriage: no coordinate of a carriage takes part in them.
     """
-    if not regular(problem, demands, place.box)[0]:
+    if not regular(reading.problem, asked, place.box)[0]:
         return 0.0
-    system = problem.system
-    joints = system.n_free - sum(rod.place.stop - rod.place.start for rod in system.rods)
-    carriage = system.independent if joints > system.chart.n_free else np.empty(0, dtype=np.intp)
+    system = reading.system
+    joints = system.n_free - sum(rod.place.stop - rod.place.start for rod in reading.rods)
+    carriage = system.independent if joints > reading.chart.n_free else np.empty(0, dtype=np.intp)
     rows = np.ones(system.m, dtype=np.bool_)
     for chain in system.chains:
         if np.isin(chain.joints, carriage).any():
             rows &= ~np.any(chain.weights != 0.0, axis=1)
-    others = np.setdiff1d(np.arange(system.n_free), np.union1d(demands.driven, carriage))
-    return float(np.linalg.slogdet(closure_values(problem, place.box.centre)[1][0][np.ix_(rows, others)])[0])
+    others = np.setdiff1d(np.arange(system.n_free), np.union1d(asked.driven, carriage))
+    return float(np.linalg.slogdet(closure_values(reading.problem, place.box.centre)[1][0][np.ix_(rows, others)])[0])

@@ -1,6 +1,6 @@
 """One box about a configuration: the largest certified square, and how many Newton steps suffice in it.
 
-**Newton steps.** Let Theorem K (`boxes`) hold for a box with radius R and weights w, and let e₀ = max R_i/w_i,
+**Newton steps.** Let Theorem N (`boxes`) hold for a box with radius R and weights w, and let e₀ = max R_i/w_i,
 R₂ = R + e₀w, Z(R₂)w ≤ κ₂w with κ₂ < 1, and ‖f_ζ(δ, ζ) − f_ζ(δ, ζ′)‖ ≤ ω‖ζ − ζ′‖ on |ζ|, |ζ′| ≤ R₂ in the weighted
 maximum norm ‖ζ‖ = max |ζ_i|/w_i. Put c = ω/(2(1 − κ₂)). If c e₀ < 1, Newton's method at fixed q, started at the
 predictor θ_c + Dδ, converges to σ(q) for every |δ| ≤ h, and after k steps ‖ζ_k − ζ*‖ ≤ (c e₀)^(2ᵏ)/c.
@@ -16,10 +16,12 @@ from __future__ import annotations
 import numpy as np
 
 from ccpin.arrays import Array, apply, positive
-from ccpin.domain.boxes import BoundsName, Boxes, Problem, Tried, bounds_of, certify_boxes, problem_of
-from ccpin.domain.chains import seed_at_configuration
+from ccpin.domain.boxes import Tried, certify_boxes
+from ccpin.domain.closures.seeds import seed_at_configuration
 from ccpin.errors import ConvergenceError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism
+from ccpin.proof.equations import BoundsName, Problem
+from ccpin.proof.newton import Boxes, bounds_of
 from ccpin.proof.rounding import SLACK
 
 _TRIES = 64
@@ -30,7 +32,7 @@ def kantorovich_radius(mechanism: Mechanism | HasMechanism, q_free: Array, bound
     """The half width of the largest square about α(q′) on which one box proves σ.
 
     For every q with max |q − α(q′)| ≤ r there is exactly one solution in a tube about the linear predictor, ψ_q′ is
-    nonsingular on it and σ is smooth (Theorem K of `boxes`). Every half width tried and proved is a certificate
+    nonsingular on it and σ is smooth (Theorem N of `boxes`). Every half width tried and proved is a certificate
     for its whole square, so the search need not be complete to be sound.
 
     Args:
@@ -46,7 +48,7 @@ def kantorovich_radius(mechanism: Mechanism | HasMechanism, q_free: Array, bound
         UnsupportedMechanismError: The closures are of a kind that cannot be certified.
     """
     seed = seed_at_configuration(mechanism, q_free)
-    return largest_square(problem_of(seed.system, bounds), seed.theta)
+    return largest_square(seed.reading.bounded(bounds).problem, seed.theta)
 
 
 def largest_square(problem: Problem, theta: Array) -> float:
@@ -96,7 +98,7 @@ def newton_steps(
     """
     radius, accuracy = positive(radius, "radius"), positive(accuracy, "accuracy")
     seed = seed_at_configuration(mechanism, q_free)
-    problem = problem_of(seed.system, bounds)
+    problem = seed.reading.bounded(bounds).problem
     attempt = _squares(problem, seed.theta, np.array([radius]))
     steps = newton_bound(problem, attempt.boxes, accuracy) if attempt.proved[0] else np.array([np.inf])
     if not np.isfinite(steps[0]):

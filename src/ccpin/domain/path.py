@@ -1,6 +1,6 @@
 """Certified paths: σ stays on its branch along a tube about a path, or where that cannot be proved and why.
 
-A stretch of the path between two parameters is covered by one box of Theorem K (`boxes`) with p = 1 + n parameters,
+A stretch of the path between two parameters is covered by one box of Theorem N (`boxes`) with p = 1 + n parameters,
 
     q = q_c + s d + w,  |s| ≤ 1,  |w| ≤ tube + deviation of the path from its chord + its jump at the beginning,
 
@@ -21,20 +21,22 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, PPoly
 
 from ccpin.arrays import Array, numbers
-from ccpin.domain.boxes import BoundsName, Boxes, Problem, closure_values, problem_of
-from ccpin.domain.chains import seed_at_coordinates
-from ccpin.domain.claims import Seams, equations_of, proved_glue, proved_points
-from ccpin.domain.newton import newton, solve_in_boxes
+from ccpin.domain.claims import Seams, proved_glue, proved_points
+from ccpin.domain.closures.seeds import seed_at_coordinates
+from ccpin.domain.closures.system import Reading
+from ccpin.domain.newton import newton
 from ccpin.domain.pieces import pieces_of
 from ccpin.domain.refutation import empty_witness, singular_witness
-from ccpin.domain.verdict import Verdict, Witness
 from ccpin.domain.walker import SHORTEST, TRIES, Walker
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.chords import chord_of, points_of
+from ccpin.proof.equations import BoundsName, Problem, closure_values, closures_of
 from ccpin.proof.facts import Fact, NotProvedError, prove
+from ccpin.proof.newton import Boxes, solve_in_boxes
 from ccpin.proof.paths import Followed
 from ccpin.proof.solutions import Met, Solutions
+from ccpin.proof.verdict import Verdict, Witness
 
 _AHEAD = np.array([1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4])
 _BACK = (1, 3, 6, 12)
@@ -60,7 +62,7 @@ class CertifiedPath:
         tube: Half widths of the tube, of shape (n,).
         boxes: The boxes, in order.
         pieces: The path, a polynomial between two knots.
-        problem: The closures.
+        reading: The closures, and how their coordinates and configurations correspond.
     """
 
     verdict: Verdict
@@ -74,10 +76,15 @@ class CertifiedPath:
     tube: Array
     boxes: Boxes
     pieces: PPoly
-    problem: Problem
+    reading: Reading
 
     def __repr__(self) -> str:
         return f"CertifiedPath({self.verdict}: {self.reason})"
+
+    @property
+    def problem(self) -> Problem:
+        """The closures."""
+        return self.reading.problem
 
     def sigma(self, t: ArrayLike) -> Array:
         """q′ = σ(q(t)) along the certified part: (nq,) for a number, (K, nq) for an array (K,).
@@ -99,7 +106,7 @@ class CertifiedPath:
         across = q - boxes.centre[:, system.independent] - s[:, None] * along
         delta = np.concatenate([s[:, None], across], axis=1)
         theta = newton(self.problem, solve_in_boxes(self.problem, boxes, delta).theta, 1).theta
-        q_free = system.chart.configuration(theta)
+        q_free = self.reading.configuration(theta)
         return np.asarray(q_free[0] if np.ndim(t) == 0 else q_free)
 
 
@@ -140,12 +147,13 @@ def certify_path(
     if not (np.all(np.isfinite(widths)) and np.all(widths >= 0.0)):
         raise InvalidInputError(f"tube must be a nonnegative number or {mechanism.n} of them; it is {tube!r}")
     seed = seed_at_coordinates(mechanism, pieces(pieces.x[0]), guess)
-    walker = Walker(problem_of(seed.system, bounds), pieces, widths, seed.theta)
+    reading = seed.reading.bounded(bounds)
+    walker = Walker(reading.problem, pieces, widths, seed.theta)
     stopped = walker.walk()
     proved = _proved(walker)
     if proved is None:
         walker, stopped = walker.back(len(walker.times) - 1), float(pieces.x[1])
-    witness = None if stopped is None else _refuted(walker, stopped)
+    witness = None if stopped is None else _refuted(walker, reading, stopped)
     return CertifiedPath(
         verdict="proven" if stopped is None else "refuted" if witness else "undecided",
         reached=walker.here,
@@ -158,7 +166,7 @@ def certify_path(
         tube=widths,
         boxes=walker.boxes,
         pieces=pieces,
-        problem=walker.problem,
+        reading=reading,
     )
 
 
@@ -173,22 +181,22 @@ def _proved(walker: Walker) -> Fact | None:
     ends, begins = np.tile(np.eye(1, 1 + n), (count, 1)), np.column_stack([-np.ones(count), before - (q - along)])
     number = np.arange(count)
     try:
-        solutions = prove(Solutions(equations_of(problem), *boxes))
+        solutions = prove(Solutions(closures_of(problem), *boxes))
         first = number[:1], number[:1], begins[:1], begins[:1], number[:1]
-        start = prove(Met(equations_of(problem), *first), point, solutions)
+        start = prove(Met(closures_of(problem), *first), point, solutions)
         glue = proved_glue(problem, Seams(number[:-1], number[1:], ends[:-1], begins[1:]), (solutions,))
         path = walker.pieces.c, walker.pieces.x, np.array(walker.times), walker.tube
-        return prove(Followed(equations_of(problem), *path), solutions, start, *glue)
+        return prove(Followed(closures_of(problem), *path), solutions, start, *glue)
     except NotProvedError:
         return None
 
 
-def _refuted(walker: Walker, knot: float) -> Witness | None:
+def _refuted(walker: Walker, reading: Reading, knot: float) -> Witness | None:
     """A place in the tube ahead at which the claim is proved to fail, seen from here or from some steps before."""
     for steps in (0, *_BACK):
         if steps < len(walker.times):
             before = walker.back(steps)
-            found = singular_witness(before, _targets(before, min(knot, _next_knot(before))))
+            found = singular_witness(before, reading, _targets(before, min(knot, _next_knot(before))))
             if found is not None:
                 return found
     ahead, rounding = points_of(walker.pieces, np.linspace(walker.here, walker.pieces.x[-1], _SAMPLES))

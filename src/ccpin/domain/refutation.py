@@ -2,7 +2,7 @@
 
 **Proposition.** Let σ be continued from a closed configuration (q_r, y_r) along the straight line q_r + s d. Suppose
 
-1. a box of Theorem K that holds q_r + s d for |s| ≤ δ carries that branch (it is glued to it at q_r),
+1. a box of Theorem N that holds q_r + s d for |s| ≤ δ carries that branch (it is glued to it at q_r),
 2. with one dependent coordinate θ_j as the parameter instead of s, boxes glued one behind the other (`walker`) carry a
    curve of closed configurations over the line; its first point lies over the box of 1 and in its tube, and s is
    between −δ and 1 on all of them,
@@ -29,13 +29,16 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, Indices, apply
-from ccpin.domain.atlas.empty import empty_cells, groups_of
-from ccpin.domain.boxes import Boxes, Problem, certify_boxes, problem_of, verify
+from ccpin.domain.boxes import certify_boxes
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.folds import singular_points
-from ccpin.domain.newton import encloses, extrapolate, solve_in_boxes
-from ccpin.domain.verdict import Witness
+from ccpin.domain.newton import extrapolate
 from ccpin.domain.walker import Walker
 from ccpin.errors import SingularConfigurationError
+from ccpin.proof.emptiness import empty_cells, groups_of
+from ccpin.proof.equations import Problem, closures_of, problem_of
+from ccpin.proof.newton import Boxes, check, encloses, solve_in_boxes
+from ccpin.proof.verdict import Witness
 
 _JOINS = np.geomspace(1e-3, 1e-11, 9)
 _BEYOND = 0.05
@@ -52,7 +55,7 @@ def empty_witness(problem: Problem, q: Array) -> Witness | None:
     return Witness("empty", q[empty[0]].copy(), None, 0.0) if empty.size else None
 
 
-def singular_witness(walker: Walker, targets: Iterable[Array]) -> Witness | None:
+def singular_witness(walker: Walker, reading: Reading, targets: Iterable[Array]) -> Witness | None:
     """A singular configuration of a walker's branch, over a segment from its place to one of some q (n,)."""
     problem, theta = walker.problem, walker.theta
     system = problem.system
@@ -67,7 +70,7 @@ def singular_witness(walker: Walker, targets: Iterable[Array]) -> Witness | None
         direction, singular, kernel = directions[k], found.theta[k], found.kernel[k]
         error = found.error[k] * np.maximum(1.0, np.abs(direction).max())
         if _on_branch(problem, theta, join, direction, singular, kernel, float(error)):
-            q_free = system.chart.configuration(singular)
+            q_free = reading.configuration(singular)
             return Witness("singular", singular[system.independent].copy(), q_free, float(error))
     return None
 
@@ -120,7 +123,7 @@ def holds(line: Problem, box: Boxes, singular: Array, error: float) -> bool:
     reach = error + np.abs(box.directions[0, :, 0][line.system.dependent]) * spread
     room = _ROOM * np.abs(np.linalg.inv(box.modes[0])) @ reach
     wide = box._replace(radius=box.radius + room, kappa=np.full(1, 0.999))
-    box = wide if verify(line, wide)[0] else box
+    box = wide if check(closures_of(line), wide).proved[0] else box
     return bool(encloses(line, box, np.array([[s[0], 0.0]]), singular[None], reach[None])[0])
 
 
@@ -172,5 +175,6 @@ def line_problem(problem: Problem, theta: Array, direction: Array, parameter: in
         moduli=np.concatenate([system.moduli, np.zeros(n - 1)]),
         independent=np.array([parameter]),
         dependent=others,
+        periodic=system.periodic & ~np.any(rows != 0.0, axis=0),  # of q the rows know more than an angle
     )
     return problem_of(extended, "reach" if problem.phasors is None else "planar")

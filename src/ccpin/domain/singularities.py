@@ -27,16 +27,15 @@ from numpy.typing import ArrayLike
 from scipy import optimize
 
 from ccpin.arrays import Array, listener, numbers, positive, whole
-from ccpin.domain.boxes import problem_of
-from ccpin.domain.chains import closure_system
+from ccpin.domain.closures.system import reading_of
 from ccpin.domain.folds import Folds, singular_points
-from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.points import LinkPoint
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.mechanism.outline import plane_of_motion
+from ccpin.proof.verdict import Verdict
 
 RowFunction = Callable[[Array, Array], tuple[Array, Array]]
 _SOLVED = 1e-11
@@ -120,8 +119,8 @@ def singularities(
 
 def _proved_near(mechanism: Mechanism, curve: SingularCurve) -> Array:
     """The distances from a curve's points to configurations proved to be singular, of shape (k,)."""
-    problem = problem_of(closure_system(mechanism, mechanism.q_reference), "reach")
-    theta = np.array([problem.system.theta(q_free) for q_free in curve.q_free])
+    reading = reading_of(mechanism, mechanism.q_reference).bounded("reach")
+    problem, theta = reading.problem, np.array([reading.theta(q_free) for q_free in curve.q_free])
     best = np.full(len(theta), np.nan)
     for directions in Folds.near(problem, theta).directions():
         found = singular_points(problem, theta, directions)

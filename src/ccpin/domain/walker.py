@@ -9,10 +9,12 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, joined
-from ccpin.domain.boxes import Boxes, Problem, certify_boxes, certify_points, closure_values
-from ccpin.domain.newton import encloses, extrapolate, glued, newton, solve_in_boxes
+from ccpin.domain.boxes import certify_boxes, certify_points
+from ccpin.domain.newton import extrapolate, glued, newton
 from ccpin.errors import SingularConfigurationError
 from ccpin.proof.chords import chord_of
+from ccpin.proof.equations import Problem, closure_values
+from ccpin.proof.newton import Boxes, encloses, solve_in_boxes
 
 TRIES = np.array([4.0, 2.0, 1.0, 0.5, 0.25])
 SHORTEST = 1e-7

@@ -3,7 +3,7 @@
 **What is claimed** of every x of a certified cell: the mechanism has a closed configuration θ(x) with its end effector
 at x (the pose `task_space` gives x), it lies on the branch of the configuration started from, no joint exceeds its
 limits, the motors determine the motion (ψ_q′ is nonsingular), and 1/κ(J) is at least the dexterity asked for. Each cell
-is proved by Theorem K of `boxes` for Φ(x, θ) = 0 and by `demands`, and glued at a face to an earlier one; so through
+is proved by Theorem N of `boxes` for Φ(x, θ) = 0 and by `demands`, and glued at a face to an earlier one; so through
 certified cells the end effector moves from the start to x without passing a singularity of either kind or a limit.
 """
 
@@ -24,16 +24,17 @@ from ccpin.domain.atlas.build import BUDGET
 from ccpin.domain.atlas.cells import Corners, Region, corners_of
 from ccpin.domain.atlas.run import Progress, Work
 from ccpin.domain.atlas.survey import effort_of, survey
-from ccpin.domain.boxes import BoundsName, Demands, Problem, problem_of
-from ccpin.domain.chains import ClosureSystem, checked_configuration, closure_system
-from ccpin.domain.chart import independent_indices
-from ccpin.domain.demands import passable
-from ccpin.domain.task_space import JointSpace, task_space
+from ccpin.domain.closures.scalar_coordinates import independent_indices
+from ccpin.domain.closures.seeds import checked_configuration
+from ccpin.domain.closures.system import Reading, reading_of
+from ccpin.domain.closures.task_space import JointSpace, task_space
 from ccpin.domain.walker import Walker
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.errors import InvalidInputError, UnreachableError
 from ccpin.mechanism.mechanism import Mechanism, mechanism_of
 from ccpin.mechanism.siblings import with_independent
+from ccpin.proof.equations import BoundsName, Requirements, problem_of
+from ccpin.proof.requirements import passable
 
 Limits = bool | Mapping[str, tuple[float, float]]
 
@@ -64,9 +65,9 @@ def certify_workspace(
 
     Args:
         end_effector: The point of a link that is to get there, or joints in its place (`JointSpace`).
-        region: (lower, upper) in the coordinates of `ccpin.domain.task_space`: positions in the world, metres, then
-            turns from how the end effector is turned in `guess`, radians. Where the two are equal a coordinate is held
-            (a slice); turns left out are held at 0.
+        region: (lower, upper) in the coordinates of `ccpin.domain.closures.task_space`: positions in the world, metres,
+            then turns from how the end effector is turned in `guess`, radians. Where the two are equal a coordinate is
+            held (a slice); turns left out are held at 0.
         guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         limits: Whether joints must keep the limits their file states; or limits (lower, upper) by joint that replace
             or narrow these.
@@ -97,7 +98,7 @@ def certify_workspace(
     theta = start.moved_to(_first(start.x, area))
     free = int(np.count_nonzero(~area.held))
     effort = effort_of(_DEPTHS.get(free, _MANY_DEPTH), max_depth, fraction, budget, seconds, free)
-    return survey(start.problem, theta, start.names, area, effort, Work(workers, executor, checkpoint, progress))
+    return survey(start.reading, theta, start.names, area, effort, Work(workers, executor, checkpoint, progress))
 
 
 class TaskProblem:
@@ -106,17 +107,17 @@ class TaskProblem:
     Attributes:
         names: The task coordinates, in order.
         slides: Whether each is a length, of shape (n,).
-        problem: The closures, and what is asked besides.
+        reading: The closures, and what is asked besides.
         theta: θ of the start, of shape (n′,).
     """
 
-    def __init__(self, names: tuple[str, ...], slides: Mask, problem: Problem, theta: Array) -> None:
-        self.names, self.slides, self.problem, self.theta = names, slides, problem, theta
+    def __init__(self, names: tuple[str, ...], slides: Mask, reading: Reading, theta: Array) -> None:
+        self.names, self.slides, self.reading, self.theta = names, slides, reading, theta
 
     @property
     def x(self) -> Array:
         """Task coordinates of the start, of shape (n,)."""
-        return self.theta[self.problem.system.independent]
+        return self.theta[self.reading.system.independent]
 
     def moved_to(self, x: Array) -> Array:
         """θ at other task coordinates, where a certified straight way leads there, within limits and not singular.
@@ -131,17 +132,20 @@ class TaskProblem:
             knots = np.linspace(0.0, 1.0, parts + 1)
             step = np.tile(x - self.x, (parts, 1))
             walker = Walker(
-                self.problem, PPoly(np.stack([step, self.x + knots[:-1, None] * step]), knots), 0.0 * x, self.theta
+                self.reading.problem,
+                PPoly(np.stack([step, self.x + knots[:-1, None] * step]), knots),
+                0.0 * x,
+                self.theta,
             )
             whole = walker.walk() is None
-            if whole and passable(self.problem, walker.boxes).all():
+            if whole and passable(self.reading.problem, walker.boxes).all():
                 theta = walker.theta.copy()
-                theta[self.problem.system.independent] = x
+                theta[self.reading.system.independent] = x
                 return theta
             if not whole:
                 break
         where = "it ends at" if not whole else "a limit or a singularity of the motors may lie before"
-        place = walker.theta[self.problem.system.independent]
+        place = walker.theta[self.reading.system.independent]
         raise UnreachableError(
             f"no certified way leads straight from x = {self.x.tolist()}, where the guess has the end effector, to "
             f"{x.tolist()}: {where} {place.tolist()}; give a guess nearer to the region",
@@ -167,7 +171,7 @@ def task_problem(
     q_free = mechanism.q_reference if guess is None else checked_configuration(mechanism, guess)
     parametrization = mechanism.parametrization()
     q_free = parametrization.sigma(parametrization.coordinates.alpha(q_free), guess=q_free).q_free
-    names, slides, system, theta = _closures(end_effector, mechanism, q_free)
+    names, slides, reading, theta = _closures(end_effector, mechanism, q_free)
     least = number(dexterity, "dexterity", "a number from 0 to below 1", -1e-300)
     if not least < 1.0:
         raise InvalidInputError(f"dexterity is 1/κ, a number from 0 to below 1; it is {dexterity!r}")
@@ -177,30 +181,32 @@ def task_problem(
         )
     length = None if length is None else positive(length, "length")
     units = np.where(slides, 1.0, 1.0 if length is None else length)
+    system = reading.system
     lower, upper = _limits(mechanism, limits, system.n_free)
-    demands = Demands(lower, upper, independent_indices(mechanism, system.chart), units, least)
+    asked = Requirements(lower, upper, independent_indices(mechanism, reading.chart), units, least)
     # a joint with a limit is no circle: gluing modulo 2π would let it go round beyond its limit
     system = replace(system, periodic=system.periodic & ~np.isfinite(lower) & ~np.isfinite(upper))
-    return TaskProblem(names, slides, problem_of(system, bounds)._replace(demands=demands), theta)
+    problem = problem_of(system, bounds)._replace(requirements=asked)
+    return TaskProblem(names, slides, reading._replace(problem=problem), theta)
 
 
 def _closures(
     end_effector: EndEffector | JointSpace, mechanism: Mechanism, q_free: Array
-) -> tuple[tuple[str, ...], Mask, ClosureSystem, Array]:
+) -> tuple[tuple[str, ...], Mask, Reading, Array]:
     """The task coordinates, which of them are lengths, the closures over them, and θ at q′."""
     if isinstance(end_effector, EndEffector):
         task = task_space(end_effector, q_free)
-        system = closure_system(mechanism, q_free, task)
-        return task.names, np.array(task.slides), system, np.concatenate([system.theta(q_free), task.x])
+        reading = reading_of(mechanism, q_free, task)
+        return task.names, np.array(task.slides), reading, np.concatenate([reading.theta(q_free), task.x])
     sibling = with_independent(mechanism, tuple(end_effector.names), q_free)
     if sibling.parametrization().coordinates.n != mechanism.n:
         raise InvalidInputError(
             f"{mechanism.name} has {mechanism.n} independent coordinates; a joint space needs as many, "
             f"not {', '.join(end_effector.names)}"
         )
-    system = closure_system(sibling, q_free)
+    reading = reading_of(sibling, q_free)
     slides = np.array([slide for joint in mechanism.tree.joints for slide in joint.kind.slides], dtype=np.bool_)
-    return sibling.independent, slides[system.independent], system, system.theta(q_free)
+    return sibling.independent, slides[reading.system.independent], reading, reading.theta(q_free)
 
 
 def _region(task: TaskProblem, region: Corners) -> Region:

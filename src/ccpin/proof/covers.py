@@ -1,10 +1,10 @@
 """Claims about regions of q: which cells of a tree lie in proved boxes, and whether these carry one function.
 
-A tree halves the region again and again; its leaves tile it whatever the numbers in the claim are, as corners are worked
-out here. A leaf that names a box lies in it, as real numbers (`rounding`). Where two such leaves share a face, the boxes'
-parameters have a connected set in common that holds it, so that by lemma G one common point of theirs glues them along
-all of it. So nothing that a search does wrong is believed: a cell left out is no part of the cover, a face left out is
-unglued.
+A tree halves the region again and again; its leaves tile it whatever the numbers in the claim are, as corners are
+worked out here. A leaf that names a box lies in it, as real numbers (`rounding`). Where two such leaves share a face,
+the boxes' parameters have a connected set in common that holds it, so that by lemma G one common point of theirs glues
+them along all of it. So nothing that a search does wrong is believed: a cell left out is no part of the cover, a face
+left out is unglued.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.arrays import Array, Indices, Mask
-from ccpin.domain.boxes import Boxes
+from ccpin.arrays import Array, Indices, Mask, joined, rows_of
 from ccpin.proof.facts import Claim, Examined, Fact, Form, provable, require
+from ccpin.proof.newton import Boxes
 from ccpin.proof.rounding import LEAST, ROUNDINGS, UNIT_ROUNDOFF, product_of, sum_of
 from ccpin.proof.solutions import Glued, Met, Solutions, boxes_of
 
@@ -142,8 +142,8 @@ class Cover(Claim):
 def over_region(cover: Fact, demanded: Fact | None, asked: bool) -> bool:
     """Whether σ is proved to be one smooth, nonsingular function on all of a cover's region.
 
-    So it is where every leaf lies in a box, all faces are glued and a way over them joins the seed to all boxes; `asked`:
-    and if more was asked of the boxes, a fact about the same boxes says that they meet it.
+    So it is where every leaf lies in a box, all faces are glued and a way over them joins the seed to all boxes;
+    `asked`: and if more was asked of the boxes, a fact about the same boxes says that they meet it.
     """
     require([type(fact) is Fact for fact in (cover, *([] if demanded is None else [demanded]))], "no facts")
     require(type(cover.claim) is Cover, "no fact about a region")
@@ -167,7 +167,8 @@ def halved(cut: Indices, child: Indices, n: int) -> Tree:
     """The cells of a tree, from the root down.
 
     Raises:
-        NotProvedError: It is none: a cell has two parents or none of the cells there are, or an edge of one unit is halved.
+        NotProvedError: It is none: a cell has two parents or none of the cells there are, or an edge of one unit is
+        halved.
     """
     count = len(cut)
     require(count > 0, "a tree without cells")
@@ -212,7 +213,7 @@ class Faces(NamedTuple):
 
 
 def faces_of(tree: Tree, cut: Indices, child: Indices, wrapped: Mask) -> Faces:
-    """All faces that leaves share, each once: from the two halves of every cell (and the region's two ends) downwards."""
+    """All faces that leaves share, each once: from the halves of every cell, and the region's two ends, downwards."""
     inner, axes = np.flatnonzero(tree.reached & (child >= 0)), np.flatnonzero(wrapped)
     none = np.zeros(len(axes), dtype=np.int64)
     pairs = Faces(
@@ -224,9 +225,9 @@ def faces_of(tree: Tree, cut: Indices, child: Indices, wrapped: Mask) -> Faces:
     found = []
     while len(pairs.axis):
         ended = (child[pairs.upper] < 0) & (child[pairs.lower] < 0)
-        found.append(Faces(*(part[ended] for part in pairs)))
-        pairs = _parted(tree, cut, child, Faces(*(part[~ended] for part in pairs)))
-    return Faces(*(np.concatenate(parts) for parts in zip(*found, strict=True))) if found else pairs
+        found.append(rows_of(pairs, ended))
+        pairs = _parted(tree, cut, child, rows_of(pairs, ~ended))
+    return joined([*found, pairs])
 
 
 def _parted(tree: Tree, cut: Indices, child: Indices, pairs: Faces) -> Faces:
@@ -242,7 +243,7 @@ def _parted(tree: Tree, cut: Indices, child: Indices, pairs: Faces) -> Faces:
         kept = np.where(along, first == bool(side), meets)
         upper, lower = np.where(first, half, pairs.upper), np.where(first, pairs.lower, half)
         halves.append(Faces(upper[kept], lower[kept], pairs.axis[kept], pairs.seam[kept]))
-    return Faces(*(np.concatenate(parts) for parts in zip(*halves, strict=True)))
+    return joined(halves)
 
 
 def _numbers(fact: Fact, solutions: tuple[Fact, ...]) -> Indices:
@@ -266,16 +267,16 @@ def _links(fact: Fact, solutions: tuple[Fact, ...], count: int) -> Integers:
 
 
 def _keys(one: Indices, other: Indices, turns: Indices, count: int) -> Integers:
-    """Pairs of boxes with the turns of the first against the second, −1, 0 or 1 each, as one number, whatever their order."""
+    """Pairs of boxes with the turns of the first against the second (−1, 0, 1) as one number, whatever their order."""
     code = ((turns + 1) * 3 ** np.arange(turns.shape[1])).sum(axis=1)
     whole = 3 ** turns.shape[1]
     require(count**2 < 2**62 // whole, "more boxes than numbers for their pairs")
     ahead, back = (one * count + other) * whole + code, (other * count + one) * whole + (whole - 1 - code)
-    return np.minimum(ahead, back)
+    return np.asarray(np.minimum(ahead, back), dtype=np.int64)
 
 
 def _joined(one: Indices, other: Indices, start: int, count: int) -> Mask:
-    """Which boxes a chain of pairs joins to one of them: the least number of each part is handed on until all have it."""
+    """Which boxes a chain of pairs joins to one: the least number of each part is handed on until all have it."""
     if start < 0:
         return np.zeros(count, dtype=np.bool_)
     require(start < count, "the seed is in no box")

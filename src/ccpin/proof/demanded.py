@@ -1,4 +1,4 @@
-"""The claim that proved boxes meet what is asked of them besides: limits, motors that determine the motion, dexterity."""
+"""The claim that proved boxes meet what is asked besides: limits, motors that determine the motion, dexterity."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from types import MappingProxyType
 import numpy as np
 
 from ccpin.arrays import Array, Indices
-from ccpin.domain.boxes import Demands, Problem
-from ccpin.domain.demands import meets
-from ccpin.proof.closures import Closures
+from ccpin.proof.equations import Closures, Problem, Requirements
 from ccpin.proof.facts import Claim, Examined, Fact, Form, provable, require
+from ccpin.proof.requirements import meets
 from ccpin.proof.solutions import boxes_of
 
 _LARGEST = np.finfo(np.float64).max
@@ -20,7 +19,7 @@ _LARGEST = np.finfo(np.float64).max
 @provable
 @dataclass(frozen=True, eq=False)
 class Demanded(Claim):
-    """All boxes of the facts that are its premises meet some `Demands`; the largest number stands for no limit."""
+    """All boxes of the facts that are its premises meet some `Requirements`; the largest number stands for no limit."""
 
     lower: Array
     upper: Array
@@ -39,17 +38,17 @@ class Demanded(Claim):
     )
 
     @classmethod
-    def of(cls, equations: Closures, demands: Demands) -> Demanded:
+    def of(cls, equations: Closures, demands: Requirements) -> Demanded:
         """The claim of what a search asks for."""
-        limits = (np.clip(limit, -_LARGEST, _LARGEST) for limit in (demands.lower, demands.upper))
-        driven = demands.driven.astype(np.int64)
-        return cls(equations, *limits, driven, demands.units, np.array([demands.dexterity], dtype=np.float64))
+        lower, upper = (np.clip(limit, -_LARGEST, _LARGEST) for limit in (demands.lower, demands.upper))
+        dexterity = np.array([demands.dexterity], dtype=np.float64)
+        return cls(equations, lower, upper, demands.driven.astype(np.int64), demands.units, dexterity)
 
     def examined(self, *premises: Fact) -> Examined:
         """Theorem D, and limits."""
         n, size = self.equations.sizes["P"], self.equations.sizes["N"]
         known = len(np.unique(self.driven)) == len(self.driven) in (0, n) and np.all(self.driven < size)
         require(known, "motors that do not drive as many coordinates as there are independent ones")
-        demands = Demands(self.lower, self.upper, self.driven, self.units, float(self.dexterity[0]))
+        demands = Requirements(self.lower, self.upper, self.driven, self.units, float(self.dexterity[0]))
         problem = Problem(self.equations.system, self.equations.stack, self.equations.phasors, demands)
         return Examined(np.array([bool(meets(problem, boxes_of(premises)).all())]), {})

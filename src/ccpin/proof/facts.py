@@ -1,15 +1,15 @@
 """Claims and facts: a claim is data that anybody makes; a fact is a claim whose hypotheses `prove` has checked.
 
-`prove(claim, *premises)` is the only way to a fact (the abstract type of theorems of LCF). `Fact` has no constructor, no
-subclass and no assignment, and a copy is itself; its arrays are backed by bytes, so that nothing can be written to them.
-Pickled, a fact is `Unproved` again, whatever it was: what crosses a file or a process is believed only after `replay`,
-which is `prove` once more. So workers, files and the compiled core propose, and what they do wrong costs a proof, never
-makes a false one. This guards against mistakes and forged data, not against a program that means to cheat
+`prove(claim, *premises)` is the only way to a fact (the abstract type of theorems of LCF). `Fact` has no constructor,
+no subclass and no assignment, and a copy is itself; its arrays are backed by bytes, so that nothing can be written to
+them. Pickled, a fact is `Unproved` again, whatever it was: what crosses a file or a process is believed only after
+`replay`, which is `prove` once more. So workers, files and the compiled core propose, and what they do wrong costs a
+proof, never makes a false one. This guards against mistakes and forged data, not against a program that means to cheat
 (``object.__new__(Fact)``): no idiom of Python does.
 
-What a claim may say is declared beside it: a `Form` for every array. Theorems are about these shapes (with fewer rows of
-a preconditioner than equations, AG = 0 would say less than G = 0), and what is no finite number is refused before it is
-compared with anything. A premise counts if it is about the same equations, told by their `digest`.
+What a claim may say is declared beside it: a `Form` for every array. Theorems are about these shapes (with fewer rows
+of a preconditioner than equations, AG = 0 would say less than G = 0), and what is no finite number is refused before
+it is compared with anything. A premise counts if it is about the same equations, told by their `digest`.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ def sealed(value: Any) -> Any:
 class Claim:
     """What is claimed of equations. Subclasses add arrays, each with its `Form`, and `examined`.
 
-    `rows`: the letter of the axis along which it is many claims, each of its own; none: it is one. `theorem`: the file of
-    the theorem that it rests on.
+    `rows`: the letter of the axis along which it is many claims, each of its own; none: it is one. `theorem`: the file
+    of the theorem that it rests on.
     """
 
     equations: Any

@@ -1,10 +1,10 @@
 """Claims about paths: that boxes one behind the other carry one σ along a tube about polynomials.
 
-A stretch of the path between two parameters is covered by a box of Theorem N with p = 1 + n parameters (s, w),
-q = q_c + s d + w, |s| ≤ 1: the tube about the stretch lies in it where its chord, how far the polynomials stray from that,
-and the tube's half widths are within h of the line. At the end of one stretch and the beginning of the next both boxes are
-boxes of q-space with the parameters w, and hold the tube's cross-section, which is convex: glued at one point of it they
-carry the same σ on all of it (lemma G).
+A stretch of the path between two parameters is covered by a box of Theorem N with p = 1 + n parameters (s, w), q = q_c
++ s d + w, |s| ≤ 1: the tube about the stretch lies in it where its chord, how far the polynomials stray from that, and
+the tube's half widths are within h of the line. At the end of one stretch and the beginning of the next both boxes are
+boxes of q-space with the parameters w, and hold the tube's cross-section, which is convex: glued at one point of it
+they carry the same σ on all of it (lemma G).
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ import numpy as np
 from ccpin.arrays import Array, Mask
 from ccpin.proof.chords import chords_of
 from ccpin.proof.facts import Claim, Examined, Fact, Form, provable, require
+from ccpin.proof.newton import reached
 from ccpin.proof.rounding import UNIT_ROUNDOFF, sum_of
-from ccpin.proof.solutions import Glued, Met, Solutions, boxes_of, reached
+from ccpin.proof.solutions import Glued, Met, Solutions, boxes_of
 
 
 class _Pieces(NamedTuple):
@@ -32,9 +33,9 @@ class _Pieces(NamedTuple):
 class Followed(Claim):
     """From times[0] to times[-1] σ is continued along the tube about the path in one way only, and smooth.
 
-    Premises: the fact about the boxes, one for every stretch between two times, in order; the fact that the first carries
-    the start; facts that glue each to the next where it ends. Where the path jumps from a piece to the next it is
-    taken to go straight.
+    Premises: the fact about the boxes, one for every stretch between two times, in order; the fact that the first
+    carries the start; facts that glue each to the next where it ends. Where the path jumps from a piece to the next it
+    is taken to go straight.
 
     Attributes:
         coefficients, knots: The path, of shapes (d + 1, K, n) and (K + 1,), as `scipy.interpolate.PPoly` has it.
@@ -82,7 +83,7 @@ class Followed(Claim):
 
         So does the end of the one before, where the path jumps.
         """
-        independent, half = self.equations.system.independent, reached(self.equations, boxes.claim.boxes)[:, 1:]
+        independent, half = self.equations.system.independent, reached(self.equations.system, boxes.claim.boxes)[:, 1:]
         with np.errstate(all="ignore"):
             chords = chords_of(_Pieces(self.coefficients, self.knots), self.times)
         centre, along = boxes.claim.centre[:, independent], boxes.claim.directions[:, independent, 0]

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from enum import IntEnum
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.arrays import Array, Indices, Mask
 from ccpin.errors import UnsupportedMechanismError
+from ccpin.proof.chains import Chain, ClosureSystem
 
 NO_LIMIT = float(np.finfo(np.float64).max)
 """Stands for no limit in documents, which have no infinity."""
@@ -65,76 +66,8 @@ class Ranges(NamedTuple):
         return np.asarray(np.any(meets, axis=1))
 
 
-class Chain(Protocol):
-    """A chain of `ClosureSystem`, as far as lengths go."""
-
-    @property
-    def joints(self) -> Indices:
-        """Its coordinates, root to tip, of shape (k,)."""
-
-    @property
-    def rotations(self) -> Array:
-        """Of the frames before each joint, of shape (k, 3, 3)."""
-
-    @property
-    def translations(self) -> Array:
-        """Links before each joint, of shape (k, 3)."""
-
-    @property
-    def axes(self) -> Array:
-        """Unit axes, of shape (k, 3)."""
-
-    @property
-    def prismatic(self) -> Mask:
-        """Which joints slide, of shape (k,)."""
-
-    @property
-    def tip(self) -> Array:
-        """The tip behind the last joint, of shape (3,)."""
-
-    @property
-    def direction(self) -> bool:
-        """Whether the tip is a direction."""
-
-    @property
-    def weights(self) -> Array:
-        """B_c, of shape (m, 3)."""
-
-
-class Closures(Protocol):
-    """φ(θ) = Σ_c B_c x_c(θ) + Gθ + d in n′ coordinates, as `ClosureSystem` has it."""
-
-    @property
-    def chains(self) -> Sequence[Chain]:
-        """Those of the x_c."""
-
-    @property
-    def couplings(self) -> Array:
-        """G, of shape (m, n′)."""
-
-    @property
-    def offset(self) -> Array:
-        """d, of shape (m,)."""
-
-    @property
-    def moduli(self) -> Array:
-        """What rows hold modulo, 0: exactly; of shape (m,)."""
-
-    @property
-    def independent(self) -> Indices:
-        """Those of q."""
-
-    @property
-    def dependent(self) -> Indices:
-        """Those of y."""
-
-    @property
-    def periodic(self) -> Mask:
-        """Of which φ knows the angle only, of shape (n′,)."""
-
-
 def ranges_of(
-    closures: Closures, middle: Array, region: tuple[Array, Array], limits: Array, names: Sequence[str]
+    closures: ClosureSystem, middle: Array, region: tuple[Array, Array], limits: Array, names: Sequence[str]
 ) -> Ranges:
     """The ranges of the dependent coordinates over a region (Lemma R).
 
@@ -166,7 +99,7 @@ def ranges_of(
     return Ranges(low[closures.dependent], high[closures.dependent], reasons, stated)
 
 
-def ranges_over(closures: Closures, ranges: Ranges, region: tuple[Array, Array]) -> Ranges:
+def ranges_over(closures: ClosureSystem, ranges: Ranges, region: tuple[Array, Array]) -> Ranges:
     """The ranges over another region, within the same limits."""
     middle = np.zeros(len(closures.periodic))
     middle[closures.dependent] = 0.5 * ranges.lower + 0.5 * ranges.upper
@@ -182,7 +115,7 @@ class _Intervals:
         turning: Of which φ knows the angle only: they turn chains and enter no coupling, of shape (n′,).
     """
 
-    def __init__(self, closures: Closures, region: tuple[Array, Array], limits: Array) -> None:
+    def __init__(self, closures: ClosureSystem, region: tuple[Array, Array], limits: Array) -> None:
         self._closures, size = closures, len(closures.periodic)
         self.low, self.high = np.full(size, -np.inf), np.full(size, np.inf)
         self.reasons = np.full((size, 2), Reason.LIMIT, dtype=np.int8)

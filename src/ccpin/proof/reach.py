@@ -3,11 +3,11 @@
 For joints j₁ ≤ … ≤ j_k along a chain ∂ᵏx/∂θ_{j₁}…∂θ_{j_k} = a_{j₁} × (… × (a_{j_{k−1}} × b_{j_k})), zero if any but the
 deepest slides. So with g_ic = ‖row i of AB_c‖
 
-    T(x, y, z) = Σ_c g_c Σ ρ_l x_i y_j z_k   over the joints of chain c, l the deepest of i, j, k and the other two turning,
+    T(x, y, z) = Σ_c g_c Σ ρ_l x_i y_j z_k   over the joints of chain c, l the deepest of i, j, k, the others turning,
 
-since |a_i × (a_j × b_l)| ≤ |b_l| ≤ ρ_l. For ρ_l take the smaller of the length of the chain from o_l to the tip with its
-slides over the box, and |b_l| at the centre + Σ_{k deeper} ρ_k X_k (the distance of the tip from axis l depends on deeper
-joints only, and at a rate of at most ρ_k). Slides have ρ = 1.
+since |a_i × (a_j × b_l)| ≤ |b_l| ≤ ρ_l. For ρ_l take the smaller of the length of the chain from o_l to the tip with
+its slides over the box, and |b_l| at the centre + Σ_{k deeper} ρ_k X_k (the distance of the tip from axis l depends on
+deeper joints only, and at a rate of at most ρ_k). Slides have ρ = 1.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccpin.arrays import Array, apply
-from ccpin.domain.bounds import Rows
-from ccpin.domain.chain_stack import ChainStack
+from ccpin.proof.bounds import Rows
+from ccpin.proof.chains import ChainStack
 from ccpin.proof.taylor import Form
-from ccpin.proof.tips import Turns, by_joint
+from ccpin.proof.tips import Turns, by_joint, turns_of
 
 
 @dataclass(frozen=True, eq=False)
 class Lengths:
-    """The lengths in a stack of chains: of links behind joints (k, C, 1), tips (C, 1); 1.0 where slides move a point."""
+    """Lengths in a stack of chains: of links behind joints (k, C, 1), tips (C, 1); 1.0 where slides move a point."""
 
     turns: Turns
     links: Array
@@ -101,5 +101,12 @@ class ReachDrift:
 
     def take(self, rows: Rows) -> ReachDrift:
         """See `Drift`."""
-        chosen = {"gains": self.gains[rows], "rounding": self.rounding[rows]}
-        return replace(self, position=self.position[..., rows], arms=self.arms[..., rows], **chosen)
+        position, arms = self.position[..., rows], self.arms[..., rows]
+        return replace(self, gains=self.gains[rows], position=position, arms=arms, rounding=self.rounding[rows])
+
+
+def chain_reach(stack: ChainStack, arms: Array, position: Array, box: Array, rounding: Array) -> Array:
+    """`Lengths.reach` with the configurations first: everything of shape (B, C, k)."""
+    arms, position, box = (np.transpose(values, (2, 1, 0)) for values in (arms, position, box))
+    found = Lengths.of(stack, turns_of(stack)).reach(arms, position, box, rounding)
+    return np.ascontiguousarray(np.transpose(found, (2, 1, 0)))

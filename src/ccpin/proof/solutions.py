@@ -1,7 +1,8 @@
 """Claims about boxes of closures: solutions in them, and boxes that carry the same solution.
 
-Theorem N (`theorems/theorem_n.md`) says of a box θ = θ_c + Dδ + Eζ, |δ| ≤ h, |ζ| ≤ R, that over every δ there is exactly
-one ζ* with φ(θ) = 0. Its lemma G glues two such boxes: a solution of the one, known to within a ball, lies in the other.
+Theorem N (`theorems/theorem_n.md`) says of a box θ = θ_c + Dδ + Eζ, |δ| ≤ h, |ζ| ≤ R, that over every δ there is
+exactly one ζ* with φ(θ) = 0. Its lemma G glues two such boxes: a solution of the one, known to within a ball, lies in
+the other.
 """
 
 from __future__ import annotations
@@ -14,11 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined
-from ccpin.domain.bounds import Bounds, Frame
-from ccpin.domain.boxes import Boxes, inverses
-from ccpin.proof.closures import Closures
+from ccpin.proof.equations import Closures
 from ccpin.proof.facts import Claim, Examined, Fact, Form, provable, require
-from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, product_of, sum_of, widened
+from ccpin.proof.newton import Ball, Boxes, Tubes, check, in_tubes, noise_of, reached
+from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, product_of, sum_of
 
 _PART = 256
 TURN = 2.0 * np.pi
@@ -66,56 +66,7 @@ class Solutions(Claim):
         return Examined(checked.proved, {"image": checked.image})
 
 
-class Checked(NamedTuple):
-    """Which of B boxes fulfil (N1) and (N2), (B,), and Z̄(R)R of these, (B, m)."""
-
-    proved: Mask
-    image: Array
-
-
-def check(equations: Closures, boxes: Boxes) -> Checked:
-    """(N1) and (N2) of boxes, from their numbers alone: with phasors, where there are any, or else with reach bounds."""
-    found = Checked(np.zeros(len(boxes.kappa), dtype=np.bool_), np.zeros_like(boxes.radius))
-    plain = np.all(boxes.modes == np.eye(equations.system.m), axis=(1, 2))
-    for reach in (False, True) if equations.phasors is not None else (True,):
-        for alike in (plain, ~plain):
-            rows = np.flatnonzero(alike & ~found.proved)
-            for first in range(0, len(rows), _PART):
-                part = rows[first : first + _PART]
-                some = boxes.take(part)
-                with np.errstate(all="ignore"):
-                    bounds = equations.bounds(some.centre, frame_of(equations, some), reach)
-                    found.proved[part], found.image[part] = holds(bounds, some)
-    return found
-
-
-def holds(bounds: Bounds, boxes: Boxes) -> Checked:
-    """Whether (N1) Y + Z̄(R)R < R and (N2) Z(R)w ≤ κw, κ < 1, w > 0 hold, given bounds of B boxes."""
-    radius, weight = boxes.radius, boxes.weight
-    image, shrunk = bounds.mean(radius).of(radius), bounds.contraction(radius, weight).of(weight)
-    inside = np.all((bounds.y + image) * SLACK < radius, axis=1)
-    contracts = np.all(shrunk * SLACK <= boxes.kappa[:, None] * weight, axis=1)
-    finite = np.isfinite(bounds.y + image + shrunk).all(axis=1) & (boxes.kappa < 1.0)
-    return Checked(np.asarray(inside & contracts & finite & np.all(weight > 0.0, axis=1)), image)
-
-
-def frame_of(equations: Closures, boxes: Boxes) -> Frame:
-    """Boxes as Theorem N has them: E = [0; V], h widened."""
-    modes = np.zeros((*boxes.centre.shape, equations.system.m))
-    modes[:, equations.system.dependent] = boxes.modes
-    half = reached(equations, boxes)
-    return Frame(boxes.preconditioner, boxes.directions, modes, half, equations.rounding(boxes.centre))
-
-
-def reached(equations: Closures, boxes: Boxes) -> Array:
-    """h as the theorem has it, widened: by what δ is measured from, q_c where the parameters are q, else |θ_c|."""
-    independent = equations.system.independent
-    if boxes.half.shape[1] == len(independent):
-        return widened(boxes.centre[:, independent], boxes.half)
-    return widened(np.abs(boxes.centre).max(axis=1, initial=0.0, keepdims=True), boxes.half)
-
-
-class _Tubes(NamedTuple):
+class _Boxes(NamedTuple):
     """What facts say of B boxes, numbered through.
 
     Attributes:
@@ -143,10 +94,11 @@ def boxes_of(facts: Sequence[Fact]) -> Boxes:
     """
     require(len(facts) > 0 and [type(fact.claim) is Solutions for fact in facts], "premises that are no boxes")
     require([fact.claim.half.shape[1] == facts[0].claim.half.shape[1] for fact in facts], "boxes of different kinds")
-    return facts[0].claim.boxes if len(facts) == 1 else joined(fact.claim.boxes for fact in facts)
+    boxes: list[Boxes] = [fact.claim.boxes for fact in facts]
+    return boxes[0] if len(boxes) == 1 else joined(boxes)
 
 
-def _tubes_of(equations: Closures, facts: Sequence[Fact], *numbers: Indices) -> _Tubes:
+def _tubes_of(equations: Closures, facts: Sequence[Fact], *numbers: Indices) -> _Boxes:
     """The same with what gluing asks of them.
 
     Raises:
@@ -158,14 +110,12 @@ def _tubes_of(equations: Closures, facts: Sequence[Fact], *numbers: Indices) -> 
     across = boxes.directions[:, :, max(p - system.n, 0) :]
     unit = np.broadcast_to(np.eye(system.n), (len(across), system.n, system.n))
     require(p >= system.n and np.array_equal(across[:, system.independent], unit), "boxes that are no graphs over q")
-    size = np.abs(boxes.centre) + apply(np.abs(boxes.directions), boxes.half)
-    size[:, system.dependent] += apply(np.abs(boxes.modes), boxes.radius)
-    return _Tubes(
+    return _Boxes(
         boxes=boxes,
         image=np.concatenate([fact.found["image"] for fact in facts]),
-        noise=np.abs(boxes.preconditioner).sum(axis=2) * equations.rounding(size)[:, None],
+        noise=noise_of(equations, boxes),
         slopes=np.abs(across[:, system.dependent]).sum(axis=2),
-        reached=reached(equations, boxes),
+        reached=reached(system, boxes),
         plain=np.all(boxes.modes == np.eye(system.m), axis=(1, 2)),
     )
 
@@ -173,12 +123,12 @@ def _tubes_of(equations: Closures, facts: Sequence[Fact], *numbers: Indices) -> 
 @provable
 @dataclass(frozen=True, eq=False)
 class Glued(Claim):
-    """Boxes `first[i]` and `second[i]` carry the same solution at a common point, δ in the first's parameters, δ′ in the
-    second's: premises are the facts about the boxes, numbered through.
+    """Boxes `first[i]` and `second[i]` carry the same solution at a common point, δ of the one and δ′ of the other.
 
-    The point lies in both boxes as widened. In the first |ζ* + f(δ, 0)| ≤ Z̄ρ for every ρ ≥ |ζ*|, ρ ≤ R; with
-    s = max |f(δ, 0)|/(R − Z̄(R)R) that is s R, and the ball of radius s Z̄(R)R lies in the second's tube. Found: `turn`
-    (K, n), by how many whole turns q of the first is ahead of that of the second.
+    Premises are the facts about the boxes, numbered through. The point lies in both boxes as widened. In the first |ζ*
+    + f(δ, 0)| ≤ Z̄ρ for every ρ ≥ |ζ*|, ρ ≤ R; with s = max |f(δ, 0)|/(R − Z̄(R)R) that is s R, and the ball of radius
+    s Z̄(R)R lies in the second's tube. Found: `turn` (K, n), by how many whole turns q of the first is ahead of that
+    of the second.
     """
 
     first: Indices
@@ -236,22 +186,14 @@ class Met(Claim):
         points, tubes = boxes_of(premises[:1]), _tubes_of(self.equations, premises[1:], self.first, self.second)
         require(points.half.shape[1] == 0 and np.all(self.point < len(points.kappa)), "a point that is none")
         point = points.take(self.point)
-        q, ball = point.centre[:, self.equations.system.independent], _Ball(point.centre, point.radius, point.modes)
+        q, ball = point.centre[:, self.equations.system.independent], Ball(point.centre, point.radius, point.modes)
         held, turns = np.ones(len(q), dtype=np.bool_), list[Indices]()
         for rows, delta in ((self.first, self.at_first), (self.second, self.at_second)):
             with np.errstate(all="ignore"):
                 place = _placed(self.equations, tubes, (rows, delta), (q, np.zeros_like(q)))
-                held &= place.over & _inside(self.equations, tubes, place, ball, False)
+                held &= place.over & _inside(self.equations, tubes, place, ball)
             turns.append(place.turn)
         return Examined(held, {"turn": turns[1] - turns[0]})
-
-
-class _Ball(NamedTuple):
-    """What solutions are known to: θ (B, N) and V · [−error, error] (B, m) in the dependent coordinates."""
-
-    theta: Array
-    error: Array
-    modes: Array
 
 
 class _Place(NamedTuple):
@@ -284,9 +226,9 @@ def _exact(equations: Closures, boxes: Boxes, rows: Indices, delta: Array) -> tu
 
 
 def _placed(
-    equations: Closures, tubes: _Tubes, at: tuple[Indices, Array], q: tuple[Array, Array] | None = None
+    equations: Closures, tubes: _Boxes, at: tuple[Indices, Array], q: tuple[Array, Array] | None = None
 ) -> _Place:
-    """Where points q, sums of two doubles (default: of the boxes themselves), are: at δ, but for turns and little else."""
+    """Where points q, sums of two doubles (default: the boxes' own), are: at δ, but for turns and little else."""
     (rows, delta), periodic = at, equations.system.periodic[equations.system.independent]
     here, rest = _exact(equations, tubes.boxes, rows, delta)
     gap, of_gap = sum_of((here if q is None else q[0]), -here)
@@ -300,7 +242,7 @@ def _placed(
 
 
 def _agree(
-    equations: Closures, tubes: _Tubes, first: tuple[Indices, Array], second: tuple[Indices, Array]
+    equations: Closures, tubes: _Boxes, first: tuple[Indices, Array], second: tuple[Indices, Array]
 ) -> tuple[Mask, Indices]:
     """Whether boxes are glued at δ of the one and δ′ of the other, and the turns between them."""
     boxes, dependent = tubes.boxes, equations.system.dependent
@@ -310,30 +252,16 @@ def _agree(
     residual = apply(boxes.preconditioner[rows], equations.values(here.base))
     share = np.max((np.abs(residual) + tubes.noise[rows]) / (radius - SLACK * image), axis=1, keepdims=True)
     plain = bool(tubes.plain[rows].all() and tubes.plain[place.rows].all())
-    theta, modes = here.base, boxes.modes[rows] if not plain else boxes.modes[:1]
-    theta[:, dependent] -= residual if plain else apply(modes, residual)
-    ball = _Ball(theta, SLACK * (share * image + tubes.noise[rows]), modes)
-    held = here.over & place.over & (share[:, 0] <= 1.0) & _inside(equations, tubes, place, ball, plain)
+    theta, modes = here.base, None if plain else boxes.modes[rows]
+    theta[:, dependent] -= residual if modes is None else apply(modes, residual)
+    ball = Ball(theta, SLACK * (share * image + tubes.noise[rows]), modes)
+    held = here.over & place.over & (share[:, 0] <= 1.0) & _inside(equations, tubes, place, ball)
     return np.asarray(held), place.turn
 
 
-def _inside(equations: Closures, tubes: _Tubes, place: _Place, ball: _Ball, plain: bool) -> Mask:
-    """Whether what the balls hold lies in the boxes' tubes there, of shape (K,); `plain`: V = I of all.
-
-    Periodic coordinates are compared modulo 2π; 1e-13 is allowed for rounding, and what q may be off by.
-    """
-    system, rows = equations.system, place.rows
-    gap, radius = (ball.theta - place.base)[:, system.dependent], tubes.boxes.radius[rows]
-    gap -= np.where(system.periodic[system.dependent], TURN * np.round(gap / TURN), 0.0)
-    blurred = 1e-13 * (1.0 + np.abs(ball.theta[:, system.dependent])) + tubes.slopes[rows] * place.off[:, None]
-    if plain:
-        return np.asarray(np.all((np.abs(gap) + blurred + ball.error) * SLACK <= radius, axis=1))
-    modes, unit, roundings = tubes.boxes.modes[rows], np.eye(system.m), (system.m + 2) * UNIT_ROUNDOFF
-    inverse = inverses(modes)
-    size = np.abs(inverse)
-    wrong = np.abs(unit - inverse @ modes) + roundings * (unit + size @ np.abs(modes))
-    spread = np.abs(inverse @ ball.modes) + roundings * (size @ np.abs(ball.modes))
-    reach = np.abs(apply(inverse, gap)) + apply(size, blurred) + apply(spread, ball.error)
-    defect = wrong.sum(axis=2).max(axis=1)
-    reach += (2.0 * defect * reach.max(axis=1))[:, None]  # Vζ = x has |ζ| ≤ |Mx| + X|ζ|, M the inverse as computed
-    return np.asarray((defect < 0.5) & np.all(reach * SLACK <= radius, axis=1))
+def _inside(equations: Closures, tubes: _Boxes, place: _Place, ball: Ball) -> Mask:
+    """Whether what the balls hold lies in the boxes' tubes there, of shape (K,)."""
+    rows = place.rows
+    plain = bool(tubes.plain[rows].all())
+    there = Tubes(place.base, tubes.boxes.radius[rows], None if plain else tubes.boxes.modes[rows])
+    return in_tubes(equations.system, there, tubes.slopes[rows] * place.off[:, None], ball)

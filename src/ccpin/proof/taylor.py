@@ -14,13 +14,13 @@ products of the third-order terms with vectors are formed: Z̄R and Zw are what 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ccpin.arrays import Array, Indices, apply, rows_of
-from ccpin.domain.bounds import Frame, Image, LinearPart, Rows, linear_part
+from ccpin.proof.bounds import Frame, Image, LinearPart, Rows, linear_part
 from ccpin.proof.tips import layers
 
 Form = Callable[[Array, Array, Array], Array]
@@ -140,10 +140,8 @@ class TaylorBounds:
 
     def take(self, rows: Rows) -> TaylorBounds:
         """See `Bounds`."""
-        linear, y, across = rows_of(self.linear, rows), self.y[rows], self.across[rows]
-        return replace(
-            self, linear=linear, y=y, across=across, mixed=self.mixed.take(rows), drift=self.drift.take(rows)
-        )
+        linear, mixed, drift = rows_of(self.linear, rows), self.mixed.take(rows), self.drift.take(rows)
+        return TaylorBounds(linear, self.y[rows], self.across[rows], mixed, drift)
 
     def mean(self, radius: Array) -> Image:
         """See `Bounds`."""
@@ -170,34 +168,36 @@ class TaylorBounds:
 
 def taylor_bounds(point: Point, frame: Frame, drift: Drift) -> TaylorBounds:
     """Taylor bounds of boxes centred at a point."""
-    linear, pattern, (count, size, p) = (
-        linear_part(frame, point.value, point.slope),
-        point.pattern,
-        frame.directions.shape,
-    )
-    rows = point.value.shape[1]
-    lines = frame.directions * frame.half[:, None]
-    along = frame.preconditioner @ pattern.along(point.second, lines, rows).reshape(count, rows, size * p)
-    along = along.reshape(count, rows, size, p)
+    rows, (count, size, p) = point.value.shape[1], frame.directions.shape
+    linear, lines = linear_part(frame, point.value, point.slope), frame.directions * frame.half[:, None]
+    bent = point.pattern.along(point.second, lines, rows).reshape(count, rows, size * p)
+    along = (frame.preconditioner @ bent).reshape(count, rows, size, p)
     square = np.abs(np.swapaxes(lines, 1, 2)[:, None] @ along).reshape(count, rows, p * p) @ np.ones(p * p)
     chosen = selected(frame.modes)
     if chosen is None:
-        whole = pattern.along(point.second, frame.modes, rows).reshape(count, rows, -1)
-        whole = (frame.preconditioner @ whole).reshape(count, rows, size, -1)
-        turned = np.swapaxes(frame.modes, 1, 2)[:, None]
-        mixed: _Selected | _Mixed = _Mixed(np.abs(turned @ whole))
-        along = turned @ along
+        mixed: _Selected | _Mixed = _mixed(point, frame)
+        across = np.abs(np.swapaxes(frame.modes, 1, 2)[:, None] @ along) @ np.ones(p)
     else:
-        place = np.full(size, -1)
-        place[chosen] = np.arange(len(chosen))
-        first, other = place[pattern.first], place[pattern.other]
-        both = np.flatnonzero((first >= 0) & (other >= 0))
-        entries = frame.preconditioner @ pattern.dense(point.second, rows)[:, :, both]
-        mixed = _Selected(np.abs(entries), first[both], other[both])
-    across = np.abs(along) @ np.ones(p)
-    across = across if chosen is None else across[:, :, chosen]
+        mixed = _selected(point, frame, chosen)
+        across = (np.abs(along) @ np.ones(p))[:, :, chosen]
     y = linear.constant + 0.5 * square + drift.over(linear.moves)(linear.moves, linear.moves, linear.moves) / 6.0
     return TaylorBounds(linear, y, across, mixed, drift)
+
+
+def _mixed(point: Point, frame: Frame) -> _Mixed:
+    rows, (count, size, modes) = point.value.shape[1], frame.modes.shape
+    bent = point.pattern.along(point.second, frame.modes, rows).reshape(count, rows, size * modes)
+    along = (frame.preconditioner @ bent).reshape(count, rows, size, modes)
+    return _Mixed(np.abs(np.swapaxes(frame.modes, 1, 2)[:, None] @ along))
+
+
+def _selected(point: Point, frame: Frame, chosen: Indices) -> _Selected:
+    pattern, place = point.pattern, np.full(frame.modes.shape[1], -1)
+    place[chosen] = np.arange(len(chosen))
+    first, other = place[pattern.first], place[pattern.other]
+    both = np.flatnonzero((first >= 0) & (other >= 0))
+    entries = frame.preconditioner @ pattern.dense(point.second, point.value.shape[1])[:, :, both]
+    return _Selected(np.abs(entries), first[both], other[both])
 
 
 def selected(modes: Array) -> Indices | None:
@@ -207,8 +207,5 @@ def selected(modes: Array) -> Indices | None:
     rows = np.argmax(modes[0], axis=0)
     unit = np.zeros(modes.shape[1:])
     unit[rows, np.arange(len(rows))] = 1.0
-    return (
-        rows
-        if len(set(rows.tolist())) == len(rows) and np.array_equal(modes, np.broadcast_to(unit, modes.shape))
-        else None
-    )
+    alike = len(set(rows.tolist())) == len(rows) and np.array_equal(modes, np.broadcast_to(unit, modes.shape))
+    return rows if alike else None

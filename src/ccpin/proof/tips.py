@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, skew
-from ccpin.domain.chain_stack import ChainStack
+from ccpin.arrays import Array, Indices, cross, skew
+from ccpin.proof.chains import ChainStack, ClosureSystem, gather
 
 
 class Motion(NamedTuple):
@@ -96,8 +96,8 @@ def positions(turns: Turns, theta: Array) -> Array:
     return x
 
 
-def move(turns: Turns, theta: Array) -> Motion:
-    """Sweep all chains from root to tip at θ (B, n′)."""
+def sweep(turns: Turns, theta: Array) -> Motion:
+    """Move all chains from root to tip at θ (B, n′)."""
     angles = by_joint(turns, theta)
     cosine, sine, slides = np.cos(angles), np.sin(angles), angles * turns.sliding
     axes, origins = np.empty((3, *angles.shape)), np.empty((3, *angles.shape))
@@ -168,3 +168,40 @@ def layers(count: Indices) -> tuple[tuple[Indices, Indices], ...]:
     first = np.cumsum(count) - count
     sums = [np.flatnonzero(count > r) for r in range(int(count.max(initial=1)))]
     return tuple((some, first[some] + r) for r, some in enumerate(sums))
+
+
+# The same with the configurations first.
+
+
+class StackMotion(NamedTuple):
+    """The chains at B configurations.
+
+    Attributes:
+        x: Tips, of shape (B, C, 3).
+        a: Axes of turning joints, zero elsewhere, of shape (B, C, k, 3).
+        b: ∂x/∂θ_j, of shape (B, C, k, 3).
+    """
+
+    x: Array
+    a: Array
+    b: Array
+
+
+def move(stack: ChainStack, theta: Array) -> StackMotion:
+    """The chains at θ of shape (B, n′)."""
+    motion = sweep(turns_of(stack), theta)
+    a, b = (np.ascontiguousarray(np.transpose(vectors, (3, 2, 1, 0))) for vectors in (motion.a, motion.b))
+    return StackMotion(np.ascontiguousarray(np.transpose(motion.x, (2, 1, 0))), a, b)
+
+
+def third_along(system: ClosureSystem, stack: ChainStack, theta: Array, turn: Array) -> Array:
+    """Σ_k ∂³φ/∂θ_i∂θ_j∂θ_k v_k at θ (B, n′) for v of shape (B, n′), of shape (B, m, n′, n′)."""
+    motion, rates = move(stack, theta), gather(stack, turn)
+    k, size = stack.joints.shape[1], system.n_free
+    first, middle, last = np.sort(np.indices((k, k, k)).reshape(3, -1), axis=0)
+    product = cross(motion.a[:, :, first], cross(motion.a[:, :, middle], motion.b[:, :, last]))
+    tensor = product.reshape(*motion.b.shape[:2], k * k, k, 3)
+    turned = (rates[:, :, None, None] @ tensor)[..., 0, :] @ np.swapaxes(stack.weights, 1, 2)
+    parts = np.moveaxis(turned.reshape(*motion.b.shape[:2], k, k, system.m), 4, 1)
+    place = stack.placement.reshape(-1, k, size)
+    return np.asarray((np.swapaxes(place, 1, 2) @ parts @ place).sum(axis=2))

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ccpin.containers import plain_arrays
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.code import code_digest
-from ccpin.domain.atlas.store import pack_problem
-from ccpin.domain.boxes import Problem
+from ccpin.domain.atlas.store import pack_reading
+from ccpin.domain.closures.system import Reading
 from ccpin.errors import CcpinError
 from ccpin.files import write_atomically
 
@@ -28,9 +28,9 @@ ROOM = 400e6
 _POLL = 0.1
 
 
-def fingerprint(problem: Problem, *arrays: NDArray[np.generic], kind: str) -> str:
+def fingerprint(reading: Reading, *arrays: NDArray[np.generic], kind: str) -> str:
     """A digest of every number the closures consist of, of what was asked about them, and of the code that answers."""
-    header, own = pack_problem(problem)
+    header, own = pack_reading(reading)
     digest = hashlib.sha256(json.dumps([kind, code_digest().hex(), header], sort_keys=True).encode())
     for name, array in (*sorted(own.items()), *((str(k), array) for k, array in enumerate(arrays))):
         digest.update(f"{name}{array.dtype}{array.shape}".encode())

@@ -15,8 +15,7 @@ from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import region_of
 from ccpin.domain.atlas.run import Progress
 from ccpin.domain.atlas.survey import certify
-from ccpin.domain.boxes import problem_of
-from ccpin.domain.chains import scalar_coordinates_at, seed_at_coordinates
+from ccpin.domain.closures.seeds import scalar_coordinates_at, seed_at_coordinates
 from ccpin.domain.singularities import singularities
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
@@ -96,7 +95,7 @@ def charted(model: ReducedModel, here: State, cache: Cache, job: Job) -> Charted
     area = region_of(mechanism, first, None)
     seed = seed_at_coordinates(mechanism, q0, q_free)
     asked = np.array([area.lower, area.upper]), np.round(seed.theta, 6)
-    key = fingerprint(problem_of(first.system, "auto"), *asked, kind="atlas")
+    key = fingerprint(first.reading, *asked, kind="atlas")
     with cache.alone(key, job.check):
         kept = _kept(cache, key, mechanism.n)
         if kept is not None:
@@ -149,7 +148,7 @@ def curves(model: ReducedModel, cache: Cache, job: Job) -> tuple[Line, ...]:
         return ()
     try:
         first = seed_at_coordinates(mechanism, scalar_coordinates_at(mechanism, mechanism.q_reference))
-        key = fingerprint(problem_of(first.system, "auto"), kind="curves")
+        key = fingerprint(first.reading, kind="curves")
     except CcpinError:
         return ()
     with cache.alone(key, job.check):

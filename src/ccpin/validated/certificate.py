@@ -40,12 +40,12 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import positive
 from ccpin.control.laws import PDSimpleGravity
-from ccpin.domain.verdict import Verdict, Witness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.left_out import limits_left_out, without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.digests import digest, require_same
+from ccpin.proof.verdict import Verdict, Witness
 from ccpin.validated.arrival import Goal, SetArrival, goal_of, lyapunov, single_valued, unconnected
 from ccpin.validated.balls import Ball, flint, lower, upper
 from ccpin.validated.crossing import witness_of

@@ -20,10 +20,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.domain.verdict import Witness
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError
 from ccpin.mechanism.siblings import best_independent, with_independent
+from ccpin.proof.verdict import Witness
 from ccpin.validated.balls import Ball, ball, determinant, flint, lower, upper
 from ccpin.validated.dynamics import ClosedLoop, closed_loop, too_far_turned
 from ccpin.validated.places import configuration

@@ -24,11 +24,11 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, numbers, positive, step_or_infinite, vector, whole
 from ccpin.control.laws import ControlLaw, NoTorque
-from ccpin.domain.verdict import Verdict, Witness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.left_out import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.verdict import Verdict, Witness
 from ccpin.validated.balls import Ball, around, ball, bounds, flint, hull, lower, magnitude, upper
 from ccpin.validated.closing import closed_start
 from ccpin.validated.crossing import Crossing, crossing, signed_determinant

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, numbers, positive, step_or_infinite, vector, whole
 from ccpin.control.laws import ControlLaw
-from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.left_out import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.verdict import Verdict
 from ccpin.validated.balls import Ball, ball, flint
 from ccpin.validated.closing import closed_start
 from ccpin.validated.dynamics import ClosedLoop, closed_loop

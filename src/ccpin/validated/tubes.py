@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, numbers
-from ccpin.domain.verdict import Verdict
 from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.proof.verdict import Verdict
 from ccpin.validated.balls import Ball, ball
 from ccpin.validated.curvature import UnboundedError
 from ccpin.validated.dynamics import ClosedLoop

@@ -7,7 +7,7 @@ import pytest
 
 from ccpin.control.stability import cells as module
 from ccpin.control.stability.cells import Cell, CellStore
-from ccpin.domain.boxes import Boxes
+from ccpin.proof.newton import Boxes
 
 CORNERS = [((0.0, 0.0), (2.0, 2.0)), ((2.0, 1.0), (6.0, 3.0)), ((-1.0, 2.0), (1.0, 4.0))]
 

@@ -17,7 +17,7 @@ from ccpin.control.stability.storage import (
     storage_of,
     widths,
 )
-from ccpin.domain.affine import Affine, affine
+from ccpin.proof.balls import Affine, affine
 
 
 def form(mid, rad):

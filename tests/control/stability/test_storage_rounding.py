@@ -7,7 +7,7 @@ import pytest
 
 from ccpin.control import ComputedTorque
 from ccpin.control.stability.storage import Plan, Storage, storage_of, widths
-from ccpin.domain.affine import affine
+from ccpin.proof.balls import affine
 from tests.support.tracked import law_for
 
 

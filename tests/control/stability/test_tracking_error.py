@@ -21,8 +21,8 @@ from ccpin.control import (
 )
 from ccpin.control.stability.storage import floor, plan_for, storage_of
 from ccpin.control.stability.tube import tube_of
-from ccpin.domain.affine import Affine, affine
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
+from ccpin.proof.balls import Affine, affine
 from tests.support.paper import GOAL, START
 from tests.support.sigma_attacks import WithWrongSigma, dependent_rows, pushing, switching
 from tests.support.tracked import LAWS, MOVES, RUN, assert_within, law_for, model_of

@@ -5,13 +5,12 @@ import pytest
 
 import ccpin
 from ccpin.arrays import apply
-from ccpin.domain.boxes import problem_of
-from ccpin.domain.chains import closure_system
+from ccpin.domain.closures.system import reading_of
 from ccpin.domain.curves.covering import kernels, settled
 from ccpin.domain.curves.following import follow
 from ccpin.domain.curves.system import drift, first_order, onto_curves, values_at
 from ccpin.domain.curves.tubes import Points, bounds_of, certify_tubes, frames_at, glued, places_in, zeros_in
-from ccpin.domain.sheets.narrowing import Candidates
+from ccpin.proof.narrowing import Candidates
 from tests.support.legs import load_slice
 
 NAMES = ("rpdr", "3-RPR", "planar_3rrr")
@@ -20,7 +19,7 @@ NAMES = ("rpdr", "3-RPR", "planar_3rrr")
 def problem(name):
     """With reach bounds."""
     mechanism = load_slice() if name == "3-RPR" else ccpin.load(name)
-    return problem_of(closure_system(mechanism, mechanism.q_reference), "reach")
+    return reading_of(mechanism, mechanism.q_reference).bounded("reach").problem
 
 
 def random_points(at, count, seed):

@@ -8,12 +8,11 @@ import pytest
 
 from ccpin import domain
 from ccpin.domain.atlas.run import Runner
-from ccpin.domain.boxes import problem_of
-from ccpin.domain.chains import closure_system
+from ccpin.domain.closures.system import reading_of
 from ccpin.domain.curves import tasks
 from ccpin.domain.curves.covering import Nearby, settled, settled_beside
-from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.errors import InvalidInputError
+from ccpin.proof.narrowing import Candidates
 
 REGION = np.array([[0.9, 1.0], [2.2, 2.3]])  # of the RPDR, with the isolated point and a piece of the fold
 
@@ -80,7 +79,7 @@ def test_chunks_of_any_size_say_the_same(rpdr, alone, monkeypatch):
 
 def test_a_chunk_has_the_tubes_it_needs(rpdr, alone):
     """What is left in chunks with some of the tubes is what is left with all of them at hand."""
-    problem = problem_of(closure_system(rpdr, rpdr.q_reference), "reach")
+    problem = reading_of(rpdr, rpdr.q_reference).bounded("reach").problem
     curve = next(curve for curve in alone.curves if curve.closed)
     rng, size = np.random.default_rng(1), len(curve.tubes.half)
     centre = curve.tubes.theta[rng.integers(size, size=300)] + rng.normal(scale=0.01, size=(300, 4))

@@ -6,7 +6,7 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.domain import CellStatus
-from ccpin.domain.chains import closure_system
+from ccpin.domain.closures.system import reading_of
 from ccpin.domain.sheets.emptiness import all_values
 from tests.oracles import planar_3rpr as oracle
 from tests.oracles import planar_3rrr
@@ -41,8 +41,8 @@ def test_all_of_the_region_is_told(legs):
 def test_slides_are_bounded_by_the_loops():
     """The 3-RRR's platform slides go no farther than all links of a leg in a row, and at least as far as both less."""
     mechanism = ccpin.load("planar_3rrr")
-    system = closure_system(mechanism, mechanism.q_reference)
-    ranges = all_values(system, np.full(3, -np.pi), np.full(3, np.pi))
+    reading = reading_of(mechanism, mechanism.q_reference)
+    system, ranges = reading.system, all_values(reading, np.full(3, -np.pi), np.full(3, np.pi))
     slides = ~system.periodic[system.dependent]
     assert np.count_nonzero(slides) == 2
     reach = planar_3rrr.BASE_RADIUS + planar_3rrr.PROXIMAL + planar_3rrr.DISTAL + planar_3rrr.PLATFORM_RADIUS
@@ -53,6 +53,6 @@ def test_slides_are_bounded_by_the_loops():
 def test_chains_that_do_not_bound_their_slides_are_left_alone():
     """The slider-crank's slide is bounded by its loop; ball joints have no ranges."""
     crank = ccpin.load("slider_crank")
-    assert all_values(closure_system(crank, crank.q_reference), np.full(1, -np.pi), np.full(1, np.pi)) is not None
+    assert all_values(reading_of(crank, crank.q_reference), np.full(1, -np.pi), np.full(1, np.pi)) is not None
     ankle = ccpin.load(ROOT / "docs/howto/ankle.urdf")
-    assert all_values(closure_system(ankle, ankle.q_reference), np.full(2, -1.0), np.full(2, 1.0)) is None
+    assert all_values(reading_of(ankle, ankle.q_reference), np.full(2, -1.0), np.full(2, 1.0)) is None

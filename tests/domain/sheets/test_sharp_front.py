@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ccpin.domain.atlas.cells import CellStatus, Contacts
-from ccpin.domain.boxes import Boxes
 from ccpin.domain.sheets import front as module
 from ccpin.domain.sheets.front import Front, Members, Part
+from ccpin.proof.newton import Boxes
 
 SYSTEM = SimpleNamespace(
     dependent=np.array([1]), independent=np.array([0]), periodic=np.array([False, False]), n=1, m=1

@@ -1,105 +1,14 @@
-"""Bounds over boxes, atlases of σ's domain, Theorem 2."""
+"""Atlases of σ's domain, Theorem 2, bounds of the dynamics."""
 
 from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
-_EVERY = "domain/test_sharp_every.py"
-_BOUNDS = ("domain/test_sharp_bounds.py", _EVERY)
 ROOMS: tuple[Room, ...] = (
-    Room(
-        "domain/bounds",
-        ("linear_part", "LinearPart.affine", "LinearPart.widths", "LinearPart.curvature_margin", "Image.of"),
-        _BOUNDS,
-    ),
-    Room(
-        "domain/bounds_reach",
-        (
-            "reach_bounds",
-            "chain_reach",
-            "_trilinear",
-            "ReachBounds.mean",
-            "ReachBounds.contraction",
-            "ReachBounds.curvature",
-            "ReachBounds._first",
-            "ReachBounds._reach",
-        ),
-        _BOUNDS,
-    ),
-    Room(
-        "domain/boxes",
-        ("_holds", "bounds_of", "measured_from"),
-        _BOUNDS,
-        (
-            ("np.isfinite(image + shrunk)", "without shrunk", "a Z that is no number fails (K2) too"),
-            ("np.isfinite(image + shrunk)", "any instead of all", "what is no number fails (K1) or (K2) too"),
-        ),
-    ),
-    Room("domain/newton", ("encloses", "without_turns", "_rounding"), _BOUNDS),
     Room(
         "domain/gravity_bounds",
         ("_remainder", "_slope_bound", "_curvature_change", "_inverse_bound", "_variation", "_symmetric"),
         ("domain/test_sharp_gravity.py",),
-    ),
-    Room(
-        "domain/bounds_planar",
-        (
-            "planar_bounds",
-            "_expanded",
-            "_versine",
-            "_one_signed",
-            "PlanarBounds.mean",
-            "PlanarBounds.contraction",
-            "PlanarBounds.curvature",
-            "PlanarBounds._widths",
-            "PlanarBounds._image",
-        ),
-        ("domain/test_sharp_planar.py",),
-    ),
-    Room(
-        "domain/affine",
-        (
-            "_GROWN",
-            "_TINY",
-            "Affine.magnitude",
-            "Affine.spread",
-            "Affine.swing",
-            "Affine.__add__",
-            "Affine.__mul__",
-            "_lengths",
-            "_sum",
-            "summed",
-            "product",
-            "sine_versine",
-            "Inverse.solve",
-            "inverse",
-        ),
-        ("domain/test_sharp_affine.py", _EVERY),
-        (
-            ("self.defect) @ (size + _TINY)", "without _TINY", "any bound will do: it is checked below"),
-            ("weight = solve_many(identity - defect", "", "any w > 0 will do: it is checked below"),
-            ("(weight > 0.0) & (shrunk < weight)", "0 let in", "Ew < w fails where an entry of w is 0"),
-            ("np.isfinite(defect)", "not asked: np.isfinite", "Ew < w fails where E is no number"),
-            ("np.isfinite(defect)", "any instead of all", "Ew < w fails where E is no number"),
-            (
-                "held = self.regular & np.all(",
-                "any instead of all",
-                "the bound solves it, to rounding",
-            ),
-            ("if len(a.lin) and len(b.lin)", "not asked", "the sum over no parameters is zero"),
-        ),
-    ),
-    Room("domain/extended", ("third_bound",), _BOUNDS),
-    Room(
-        "domain/extended",
-        ("proved_within", "UNIT"),
-        ("domain/test_sharp_extended.py", _EVERY),
-        (
-            ("(kappa * SLACK < 1.0)", "not asked: kappa * SLACK < 1.0", "follows from the first"),
-            ("(kappa * SLACK < 1.0)", "kappa * SLACK < 1.0: left", "follows from the first"),
-            ("(kappa * SLACK < 1.0)", "1 × 1.1", "follows from the first"),
-            ("(kappa * SLACK < 1.0)", "1 × 2", "follows from the first"),
-        ),
     ),
 )
 

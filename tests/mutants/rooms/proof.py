@@ -1,16 +1,125 @@
-"""What every proof stands on: rounding, ranges, digests."""
+"""The kernel: rounding, bounds over boxes, one interval Newton, narrowing."""
 
 from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
-_BOUNDS = ("domain/test_sharp_bounds.py",)
+_EVERY = "proof/test_sharp_every.py"
+_BOUNDS = ("proof/test_sharp_bounds.py", _EVERY)
 ROOMS: tuple[Room, ...] = (
     Room(
         "proof/rounding",
         ("SLACK", "LEAST", "ROUNDINGS", "UNIT_ROUNDOFF", "widened", "blur"),
         _BOUNDS,
         (("SLACK = ", "1e-10 × 1.1", "more room for rounding"),),
+    ),
+    Room(
+        "proof/bounds",
+        ("linear_part", "LinearPart.affine", "LinearPart.widths", "LinearPart.curvature_margin", "Image.of"),
+        _BOUNDS,
+    ),
+    Room(
+        "proof/taylor",
+        (
+            "taylor_bounds",
+            "_mixed",
+            "_selected",
+            "selected",
+            "Pattern.along",
+            "Pattern.dense",
+            "TaylorBounds.mean",
+            "TaylorBounds.contraction",
+            "TaylorBounds.curvature",
+            "TaylorBounds._matrix",
+            "_Selected.times",
+            "_Mixed.times",
+        ),
+        ("proof/test_sharp_taylor.py", *_BOUNDS),
+    ),
+    Room("proof/reach", ("Lengths.of", "Lengths.reach", "trilinear", "ReachDrift.over"), _BOUNDS),
+    Room(
+        "proof/newton",
+        ("holds", "frame_of", "reached", "noise_of"),
+        _BOUNDS,
+        (
+            ("np.isfinite(bounds.y + image + shrunk)", "without shrunk", "a Z that is no number fails (N2) too"),
+            (
+                "np.isfinite(bounds.y + image + shrunk)",
+                "any instead of all",
+                "what is no number fails (N1) or (N2) too",
+            ),
+        ),
+    ),
+    Room("proof/newton", ("in_tubes", "encloses", "without_turns"), _BOUNDS),
+    Room(
+        "proof/phasors",
+        (
+            "planar_bounds",
+            "_expanded",
+            "_versine",
+            "_one_signed",
+            "PlanarBounds.mean",
+            "PlanarBounds.contraction",
+            "PlanarBounds.curvature",
+            "PlanarBounds._widths",
+            "PlanarBounds._image",
+        ),
+        ("proof/test_sharp_phasors.py",),
+    ),
+    Room(
+        "proof/balls",
+        (
+            "_GROWN",
+            "_TINY",
+            "Affine.magnitude",
+            "Affine.spread",
+            "Affine.swing",
+            "Affine.__add__",
+            "Affine.__mul__",
+            "_lengths",
+            "_sum",
+            "summed",
+            "product",
+            "sine_versine",
+            "FormInverse.solve",
+            "inverse",
+        ),
+        ("proof/test_sharp_balls.py", _EVERY),
+        (
+            ("self.defect) @ (size + _TINY)", "without _TINY", "any bound will do: it is checked below"),
+            ("weight = solve_many(identity - defect", "", "any w > 0 will do: it is checked below"),
+            ("(weight > 0.0) & (shrunk < weight)", "0 let in", "Ew < w fails where an entry of w is 0"),
+            ("np.isfinite(defect)", "not asked: np.isfinite", "Ew < w fails where E is no number"),
+            ("np.isfinite(defect)", "any instead of all", "Ew < w fails where E is no number"),
+            (
+                "held = self.regular & np.all(",
+                "any instead of all",
+                "the bound solves it, to rounding",
+            ),
+            ("if len(a.lin) and len(b.lin)", "not asked", "the sum over no parameters is zero"),
+        ),
+    ),
+    Room("proof/equations", ("third_bound",), _BOUNDS),
+    Room(
+        "proof/newton",
+        ("proved_within",),
+        ("proof/test_sharp_extended.py", _EVERY),
+        (
+            ("(kappa * SLACK < 1.0)", "not asked: kappa * SLACK < 1.0", "follows from the first"),
+            ("(kappa * SLACK < 1.0)", "kappa * SLACK < 1.0: left", "follows from the first"),
+            ("(kappa * SLACK < 1.0)", "1 × 1.1", "follows from the first"),
+            ("(kappa * SLACK < 1.0)", "1 × 2", "follows from the first"),
+        ),
+    ),
+    Room(
+        "proof/narrowing",
+        ("alone_in",),
+        ("proof/test_sharp_narrowing.py", _EVERY),
+        (
+            ("weight = 0.5 * (weight", "", "any w > 0 will do: it is checked below"),
+            ("alone & np.isfinite", "not asked: np.isfinite", "Zw < w fails where Z is no number"),
+            ("alone & np.isfinite", "any instead of all", "Zw < w fails where Z is no number"),
+        ),
     ),
 )
 

@@ -7,16 +7,6 @@ from tests.mutants.room import Excused, Room
 _TUBES = (("hull = np.minimum(", "maximum instead of minimum", "the curve is within a wider hull too"),)
 ROOMS: tuple[Room, ...] = (
     Room(
-        "domain/sheets/narrowing",
-        ("alone_in",),
-        ("domain/sheets/test_sharp_narrowing.py", "domain/test_sharp_every.py"),
-        (
-            ("weight = 0.5 * (weight", "", "any w > 0 will do: it is checked below"),
-            ("alone & np.isfinite", "not asked: np.isfinite", "Zw < w fails where Z is no number"),
-            ("alone & np.isfinite", "any instead of all", "Zw < w fails where Z is no number"),
-        ),
-    ),
-    Room(
         "domain/sheets/front",
         ("Front._continued", "Front._first", "Front._try"),
         ("domain/sheets/test_sharp_front.py",),

@@ -9,7 +9,7 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "control/stability/storage",
         ("floor", "gain", "widths", "_inverse_form", "_inverted", "_constant", "storage_of", "_blocks"),
-        ("control/stability/test_sharp_storage.py", "domain/test_sharp_every.py"),
+        ("control/stability/test_sharp_storage.py", "proof/test_sharp_every.py"),
         (
             ("np.isfinite(inner)", "any instead of all", "an inverse that is not known is infinite in every entry"),
             ("np.isfinite(M)", "any instead of all", "no eigenvalue of what is no number is above 1e-7"),

@@ -18,9 +18,11 @@ from ccpin.arrays import Array, Indices, joined
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.well import Well, wells
 from ccpin.domain.atlas.tasks import CellsToProve, prove
-from ccpin.domain.boxes import Boxes, Problem, verify
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.gravity_bounds import Potential, gravity_bounds
-from ccpin.domain.newton import glued, predict
+from ccpin.domain.newton import glued
+from ccpin.proof.equations import Problem, closures_of
+from ccpin.proof.newton import Boxes, check, predict
 from ccpin.proof.rounding import widened
 
 Proof = Literal["untried", "proved", "failed"]
@@ -30,7 +32,7 @@ _ROOM, _ROOM_AT_LEAST = 0.01, 1e-11
 
 
 def holding(lower: Array, upper: Array, q: Array) -> Indices:
-    """Which boxes (K, n) hold a point, to half of what Theorem K's are wider: middles of corners are rounded again."""
+    """Which boxes (K, n) hold a point, to half of what Theorem N's are wider: middles of corners are rounded again."""
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
     return np.flatnonzero(np.all(np.abs(q - middle) <= 0.5 * (half + widened(middle, half)), axis=1))
 
@@ -57,7 +59,7 @@ class Cell:
         lattice: Its place in the lattice, or ``None`` for an atlas.
         neighbours: Numbers of the cells it shares a face with, but those that were found to carry another σ there.
         state: Whether σ is proved on it.
-        box: Theorem K's data (one row), where proved.
+        box: Theorem N's data (one row), where proved.
         well: U over it, where proved.
         live: False once it was halved.
     """
@@ -77,7 +79,7 @@ class CellStore:
     """All cells by number.
 
     Args:
-        problem: The closures.
+        reading: The closures, and how their coordinates and configurations correspond.
         potential: V′ in the same chart.
         law: The set point and K_p.
         lattice: (corner of cell (0, …, 0), edge lengths) of a lattice that may grow; ``None``: it may not.
@@ -88,9 +90,9 @@ class CellStore:
     """
 
     def __init__(
-        self, problem: Problem, potential: Potential, law: PDSimpleGravity, lattice: tuple[Array, Array] | None
+        self, reading: Reading, potential: Potential, law: PDSimpleGravity, lattice: tuple[Array, Array] | None
     ) -> None:
-        self.problem, self.potential, self.law = problem, potential, law
+        self.reading, self.problem, self.potential, self.law = reading, reading.problem, potential, law
         self.cells: list[Cell] = []
         self.proved = 0
         self.whole = True
@@ -268,13 +270,13 @@ def _places_beside(place: tuple[int, ...]) -> list[tuple[int, ...]]:
 
 
 def _roomier(problem: Problem, boxes: Boxes) -> Boxes:
-    """Boxes with somewhat larger tubes where Theorem K, checked again, allows it.
+    """Boxes with somewhat larger tubes where Theorem N, checked again, allows it.
 
-    Theorem K's least R leaves a small box's solution at a corner a margin below the rounding that gluing allows for.
+    Theorem N's least R leaves a small box's solution at a corner a margin below the rounding that gluing allows for.
     """
     radius = boxes.radius * (1.0 + _ROOM) + _ROOM_AT_LEAST
     kappa = np.minimum(boxes.kappa * (1.0 + _ROOM) + _ROOM, 0.999)
-    usable = verify(problem, boxes._replace(radius=radius, kappa=kappa))
+    usable = check(closures_of(problem), boxes._replace(radius=radius, kappa=kappa)).proved
     return boxes._replace(
         radius=np.where(usable[:, None], radius, boxes.radius), kappa=np.where(usable, kappa, boxes.kappa)
     )

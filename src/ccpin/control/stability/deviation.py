@@ -19,8 +19,8 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.control.stability.tube import States, Tube
 from ccpin.control.tracking import PDPlus, TrackingLaw
-from ccpin.domain.affine import Affine, affine, inverse, joined, product
 from ccpin.domain.motion_bounds import Motion, Reduced
+from ccpin.proof.balls import Affine, affine, inverse, joined, product
 from ccpin.proof.rounding import SLACK
 
 _NUMBERS = 4e6  # in the largest array of one chunk

@@ -31,10 +31,10 @@ from ccpin.control.stability.well import checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import Corners
 from ccpin.domain.atlas.store import require_about
-from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError, UnattainableGainsError
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.verdict import Verdict
 
 _ABOVE = 1.5
 _CELLS = 2000

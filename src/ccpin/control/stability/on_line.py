@@ -19,9 +19,9 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.control.stability.deviation import thickened
 from ccpin.control.stability.tube import States, Tube
-from ccpin.domain.affine import Affine, affine, product
 from ccpin.domain.motion_bounds import Reduced
 from ccpin.errors import ConvergenceError
+from ccpin.proof.balls import Affine, affine, product
 from ccpin.proof.rounding import SLACK
 
 _TOGETHER = 8

@@ -21,11 +21,14 @@ from ccpin.control.stability.flood import Budget
 from ccpin.control.stability.well import Well, wells
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import contacts_of
-from ccpin.domain.boxes import Boxes, Problem, certify_boxes, problem_of, verify
-from ccpin.domain.chains import Seed, seed_at_coordinates
+from ccpin.domain.boxes import certify_boxes
+from ccpin.domain.closures.seeds import Seed, seed_at_coordinates
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.gravity_bounds import Potential, gravity_bounds, potential_of
-from ccpin.domain.newton import encloses, glued, predict
+from ccpin.domain.newton import glued
 from ccpin.errors import InvalidInputError, SingularConfigurationError
+from ccpin.proof.equations import Problem, closures_of
+from ccpin.proof.newton import Boxes, check, encloses, predict
 
 _SHRINK = 0.85
 _TRIES = 90
@@ -41,7 +44,7 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
         InvalidInputError: The atlas is another mechanism's, or q_d is not in it, or on another branch.
     """
     mechanism = law.model.mechanism
-    if atlas.names != tuple(mechanism.independent) or atlas.problem.system.chart.n_free != mechanism.n_free:
+    if atlas.names != tuple(mechanism.independent) or atlas.reading.chart.n_free != mechanism.n_free:
         raise InvalidInputError(
             f"the atlas is over {', '.join(atlas.names)}; the law's coordinates are {', '.join(mechanism.independent)}"
         )
@@ -52,33 +55,34 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
     if not around.size:
         raise InvalidInputError(f"the set point {law.q_d} is not in the atlas; certify one around it")
     boxes = atlas.boxes.take(around)
-    theta = np.tile(system.theta(law.q_free_d), (len(around), 1))
+    theta = np.tile(atlas.reading.theta(law.q_free_d), (len(around), 1))
     theta[:, system.independent] = law.q_d
     delta = law.q_d - boxes.centre[:, system.independent]
     if not np.all(encloses(atlas.problem, boxes, delta, theta, np.zeros((len(around), system.m)))):
         raise InvalidInputError("the set point's configuration is on another branch (assembly mode) than the atlas")
-    potential = potential_of(mechanism, system, law.model.gravity_vector)
-    problem = on_the_line(atlas.problem, potential)
+    potential = potential_of(mechanism, atlas.reading, law.model.gravity_vector)
+    reading = on_the_line(atlas.reading, potential)
     boxes, kept, pairs = atlas.boxes, np.arange(len(atlas.lower)), _glued_pairs(atlas)
-    if problem is not atlas.problem:
-        boxes, kept, pairs = _turned_to_the_law(problem, atlas, pairs, around, law)
-    store = CellStore(problem, potential, law, None)
+    if reading is not atlas.reading:
+        boxes, kept, pairs = _turned_to_the_law(reading.problem, atlas, pairs, around, law)
+    store = CellStore(reading, potential, law, None)
     store.add_proved(boxes, atlas.lower[kept], atlas.upper[kept], pairs)
     store.whole = len(kept) == len(atlas.lower) and len(pairs) == len(_glued_pairs(atlas))
     return store
 
 
-def on_the_line(problem: Problem, potential: Potential) -> Problem:
+def on_the_line(reading: Reading, potential: Potential) -> Reading:
     """The closures, with only those dependent coordinates periodic in which V′ is: no spring acts on them.
 
     (Independent ones are compared on the line everywhere, as q̃ is.)
     """
-    system = problem.system
+    system = reading.system
     sprung = system.periodic & (potential.stiffness != 0.0)
     sprung[system.independent] = False
     if not sprung.any():
-        return problem
-    return problem._replace(system=replace(system, periodic=system.periodic & ~sprung))
+        return reading
+    problem = reading.problem._replace(system=replace(system, periodic=system.periodic & ~sprung))
+    return reading._replace(problem=problem)
 
 
 class _Turned(NamedTuple):
@@ -96,7 +100,7 @@ def _turned_to_the_law(
     moved = np.any(turns != 0.0, axis=1)
     boxes = atlas.boxes._replace(centre=atlas.boxes.centre + 2.0 * np.pi * turns)
     rows = np.flatnonzero(reached & moved)
-    reached[rows] = verify(problem, boxes.take(rows))
+    reached[rows] = check(closures_of(problem), boxes.take(rows)).proved
     kept = np.flatnonzero(reached)
     place = np.full(len(reached), -1)
     place[kept] = np.arange(len(kept))
@@ -121,7 +125,7 @@ def _turns(
         gap = theta - predict(problem, near, points - near.centre[:, system.independent])
         turns[rows], reached[rows] = np.where(on_line, np.round(gap / (2.0 * np.pi)), 0.0), True
 
-    turn(around, np.tile(law.q_d, (len(around), 1)), system.theta(law.q_free_d)[None])
+    turn(around, np.tile(law.q_d, (len(around), 1)), atlas.reading.theta(law.q_free_d)[None])
     ends = np.array(sorted(pairs), dtype=np.intp).reshape(-1, 2)
     ends = np.concatenate([ends, ends[:, ::-1]])
     while (front := ends[reached[ends[:, 0]] & ~reached[ends[:, 1]]]).size:
@@ -169,9 +173,8 @@ def cells_around(law: PDSimpleGravity, gain: float, budget: Budget) -> CellStore
     """
     model = law.model
     seed = seed_at_coordinates(model.mechanism, law.q_d, law.q_free_d)
-    problem = problem_of(seed.system)
-    potential = potential_of(model.mechanism, seed.system, model.gravity_vector)
-    trials = _Trials(law, seed, problem, potential)
+    potential = potential_of(model.mechanism, seed.reading, model.gravity_vector)
+    trials = _Trials(law, seed, potential)
     single = budget.cells <= 1
     best, level, factor = None, -np.inf, _LARGEST
     for _ in range(_TRIES):
@@ -194,7 +197,7 @@ def cells_around(law: PDSimpleGravity, gain: float, budget: Budget) -> CellStore
     if not single:
         best = trials.box(_LATTICE * float(np.max(best.half[0] / trials.proportions))) or best
     half = best.half[0]
-    store = CellStore(on_the_line(problem, potential), potential, law, (law.q_d - half, 2.0 * half))
+    store = CellStore(on_the_line(seed.reading, potential), potential, law, (law.q_d - half, 2.0 * half))
     store.add_first(best, law.q_d - half, law.q_d + half)
     return store
 
@@ -202,8 +205,8 @@ def cells_around(law: PDSimpleGravity, gain: float, budget: Budget) -> CellStore
 class _Trials:
     """Boxes of one shape around q_d."""
 
-    def __init__(self, law: PDSimpleGravity, seed: Seed, problem: Problem, potential: Potential) -> None:
-        self._law, self._seed, self._problem, self._potential = law, seed, problem, potential
+    def __init__(self, law: PDSimpleGravity, seed: Seed, potential: Potential) -> None:
+        self._law, self._seed, self._problem, self._potential = law, seed, seed.reading.problem, potential
         stiffness = law.K_p + law.model.gravity_derivative(law.q_d, law.q_free_d)
         slopes = np.linalg.norm(law.model.rho(law.q_free_d), axis=0)
         softness = np.diag(np.linalg.inv(stiffness)) if np.linalg.eigvalsh(stiffness)[0] > 0.0 else slopes**-2

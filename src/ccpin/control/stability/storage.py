@@ -32,7 +32,7 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from ccpin.arrays import Array
 from ccpin.control.tracking import PDPlus, TrackingLaw
-from ccpin.domain.affine import Affine, affine, joined
+from ccpin.proof.balls import Affine, affine, joined
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 
 _DECAYS = np.geomspace(0.02, 0.98, 40)

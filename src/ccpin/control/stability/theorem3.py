@@ -41,7 +41,7 @@ That is what the certificate says of a mechanism that states dry friction. Dampe
 end stops and sampling are outside of the theorem: `assumes` names the limits stated.
 
 Hypotheses, and where they are looked at: K_p and K_v symmetric and positive definite, `gain_matrix`; q̃ on the line, not
-on a circle, `_check`; σ smooth and nonsingular on a neighbourhood of G, Theorem K on every cell and a cell's gluing to
+on a circle, `_check`; σ smooth and nonsingular on a neighbourhood of G, Theorem N on every cell and a cell's gluing to
 each neighbour (`cells`); V a function on G though springs are none modulo 2π, `set_point_cells`; U ≥ c on G's boundary,
 where a face at which two cells carry different σ is one (`flood`), so that σ need not be single-valued over the atlas;
 q_d in G's interior with the law's configuration in its cells, `cells_of_atlas`; ‖∂g/∂q‖ ≤ β < k and the motors' rank on
@@ -66,13 +66,13 @@ from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import Corners
 from ccpin.domain.atlas.run import stoppable
 from ccpin.domain.atlas.store import require_about
-from ccpin.domain.newton import predict
-from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.left_out import limits_left_out, mass_assumed, rubbing, without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.newton import predict
+from ccpin.proof.verdict import Verdict
 
 _BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
 _ONE_BOX = Budget(0, 1)
@@ -215,7 +215,7 @@ class _MemberCells:
         box = self.store.boxes([self.members[int(inside[0])]])
         system = self.store.problem.system
         theta = predict(self.store.problem, box, q[None] - box.centre[:, system.independent])
-        return np.asarray(system.chart.configuration(theta[0]))
+        return np.asarray(self.store.reading.configuration(theta[0]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,7 +40,7 @@ u is held between samples (the loop sampled at 1 kHz has an error of its own, wh
 shows), errors of e and ė themselves, limits of motors and joints. What a σ found on line needs so as to be within ε at
 the samples, `TrackingCertificate.on_line` tells.
 
-What is rigorous: every number of 1–3 is a bound, from affine forms with rounding margins over boxes of Theorem K.
+What is rigorous: every number of 1–3 is a bound, from affine forms with rounding margins over boxes of Theorem N.
 Gains, masses and the reference's coefficients are taken as the floating-point numbers they are.
 """
 
@@ -56,9 +56,9 @@ from ccpin.control.stability.on_line import OnlineDemand, online_demand
 from ccpin.control.stability.tracking_search import Search
 from ccpin.control.stability.tube import Tube, tube_of
 from ccpin.control.tracking import ComputedTorque, PDPlus, TrackingLaw
-from ccpin.domain.verdict import Verdict
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.left_out import limits_left_out, without_dry_friction
+from ccpin.proof.verdict import Verdict
 
 _LEAST, _MIDDLE, _STRIDE, _NEAR = 1e-9, 1e-3, 4.0, 1.1
 

@@ -15,8 +15,8 @@ from ccpin.control.stability.deviation import Deviation, deviation_of
 from ccpin.control.stability.storage import Plan, gain, plan_for, storage_of, widths
 from ccpin.control.stability.tube import Tube
 from ccpin.control.tracking import TrackingLaw
-from ccpin.domain.verdict import Verdict
 from ccpin.proof.rounding import SLACK
+from ccpin.proof.verdict import Verdict
 
 _ROUNDS = 10
 _FIRST, _MORE = 2.2, 1.3

@@ -5,7 +5,7 @@ Cell k holds the states of the times T_k = [t_k, t_{k+1}] whose errors are small
     q = q_d(t) − e,        q̇ = q̇_d(t) − ė,        t ∈ T_k,
 
 the last one those of all times at which the reference has come to rest; a reference that begins late has a cell of rest
-before it. σ is proved on each cell by a box of Theorem K
+before it. σ is proved on each cell by a box of Theorem N
 (`ccpin.domain.boxes`) with the parameters (s, e), s ∈ [−1, 1] the time in the cell, and glued at its middle to the σ
 that `certify_path` continued along q_d from the law's start. So two cells carry the same σ where they meet: at q_d(t_k)
 both carry the path's, by continuity, and so they do on all of the connected cross-section there. A closed motion that
@@ -30,14 +30,16 @@ from scipy.interpolate import PPoly
 from ccpin.arrays import Array, Mask
 from ccpin.control.references import Reference
 from ccpin.control.tracking import TrackingLaw
-from ccpin.domain.affine import Affine
-from ccpin.domain.boxes import Boxes, Problem, certify_boxes
+from ccpin.domain.boxes import certify_boxes
 from ccpin.domain.masses import Masses, masses_of
-from ccpin.domain.newton import glued, solve_in_boxes
+from ccpin.domain.newton import glued
 from ccpin.domain.path import CertifiedPath, certify_path
 from ccpin.domain.pieces import pieces_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.proof.balls import Affine
 from ccpin.proof.chords import Chord, chords_of, points_of
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes, solve_in_boxes
 from ccpin.proof.rounding import SLACK
 
 _REST = 1.0
@@ -129,7 +131,7 @@ def tube_of(law: TrackingLaw, cells: int) -> Tube:
     times = _cut(pieces.x, rests, cells)
     first = chords_of(pieces, times)
     path = certify_path(law.model.mechanism, pieces, first.deviation.max(axis=0), law.near.q_free)
-    masses = masses_of(law.model.mechanism, path.problem, law.model.gravity_vector)
+    masses = masses_of(law.model.mechanism, path.reading, law.model.gravity_vector)
     chords = first, chords_of(pieces.derivative(1), times), chords_of(pieces.derivative(2), times)
     middle = 0.5 * (times[1:] + times[:-1])
     _check_told(law.reference, pieces, middle)

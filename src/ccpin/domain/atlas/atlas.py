@@ -1,14 +1,14 @@
 """The atlas: a region of q-space in boxes on each of which σ is proved to exist, be unique and be smooth.
 
-What is claimed, and proved by the kernel (`ccpin.proof`): each box satisfies Theorem N; each was glued to an earlier one
-at a common face, the first to the closed configuration at q₀. So through every certified q runs a chain of boxes along which σ(q₀) continues
-to σ(q) without meeting a singularity, and `Atlas.sigma` returns that continuation. Where, moreover, `single_valued` is
-true, the boxes on the two sides of every shared face carry the same σ: it is one continuous function on the union of
-the boxes (angles modulo 2π), whatever the way from q₀. Nonsingularity alone would not say so: a mechanism may
-change assembly mode without meeting a singularity, and the faces where that shows are listed in `unglued`;
-`ccpin.domain.certify_sheets` then tells the layers apart. `contains`, `sigma` and radii are about a part of the
-certified set on which σ is one function all the same (`one_function`): no two of its boxes meet at a face that is
-unglued, and ways over glued faces join them all to q₀'s.
+What is claimed, and proved by the kernel (`ccpin.proof`): each box satisfies Theorem N; each was glued to an earlier
+one at a common face, the first to the closed configuration at q₀. So through every certified q runs a chain of boxes
+along which σ(q₀) continues to σ(q) without meeting a singularity, and `Atlas.sigma` returns that continuation. Where,
+moreover, `single_valued` is true, the boxes on the two sides of every shared face carry the same σ: it is one
+continuous function on the union of the boxes (angles modulo 2π), whatever the way from q₀. Nonsingularity alone would
+not say so: a mechanism may change assembly mode without meeting a singularity, and the faces where that shows are
+listed in `unglued`; `ccpin.domain.certify_sheets` then tells the layers apart. `contains`, `sigma` and radii are about
+a part of the certified set on which σ is one function all the same (`one_function`): no two of its boxes meet at a
+face that is unglued, and ways over glued faces join them all to q₀'s.
 
 What is not claimed. Undecided cells are those not proved at the depth allowed; singular ones those of them over which a
 closed configuration is proved to be singular (`atlas.singular`), on whatever branch; unreached cells were not tried, as
@@ -33,18 +33,20 @@ from ccpin.domain.atlas import store
 from ccpin.domain.atlas.cells import CellStatus, CellTree, Region, contacts_of, leaves_about, place
 from ccpin.domain.atlas.claims import Proved, proved_cover, seams_of
 from ccpin.domain.atlas.singular import SingularCells, refuting
-from ccpin.domain.boxes import Boxes, Problem
-from ccpin.domain.claims import equations_of, proved_glue
-from ccpin.domain.demands import meets
+from ccpin.domain.claims import proved_glue
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.documents import ATLAS
-from ccpin.domain.newton import newton, solve_in_boxes
+from ccpin.domain.newton import newton
 from ccpin.domain.obstacles import demand_witnesses
-from ccpin.domain.verdict import Verdict, Witness, of_file
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.covers import over_region
+from ccpin.proof.equations import Problem, closures_of
 from ccpin.proof.facts import Fact, NotProvedError
-from ccpin.proof.solutions import boxes_of, check
+from ccpin.proof.newton import Boxes, check, solve_in_boxes
+from ccpin.proof.requirements import meets
+from ccpin.proof.solutions import boxes_of
+from ccpin.proof.verdict import Verdict, Witness, of_file
 
 _WITNESSES = 12
 _FAILURES = {
@@ -67,7 +69,7 @@ class Atlas:
         proved: The facts about its cells and their faces; ``None`` of one from a file that was not replayed.
         complete: False where an interrupt ended the work; what is there is certified nevertheless.
         region: What was asked for.
-        problem: The closures.
+        reading: The closures, and how their coordinates and configurations correspond.
         tree: The cells.
         seed: θ of the seed, of shape (n′,).
         singular: A singular configuration over each cell called so.
@@ -83,7 +85,7 @@ class Atlas:
     proved: Proved | None
     complete: bool
     region: Region
-    problem: Problem
+    reading: Reading
     tree: CellTree
     seed: Array
     singular: SingularCells
@@ -131,6 +133,11 @@ class Atlas:
         return shown + boxes(self.lower, self.upper, corners, self.region.reduce(self.q0[None])[0])
 
     @property
+    def problem(self) -> Problem:
+        """The closures."""
+        return self.reading.problem
+
+    @property
     def single_valued(self) -> bool:
         """Whether all shared faces are glued, so that σ is one continuous function on the certified set."""
         return not len(self.unglued)
@@ -164,8 +171,8 @@ class Atlas:
         """A place of the region proved to have no σ, or one that is singular."""
         if self._whole:
             return None
-        found = refuting(self.problem, self.tree, self.region, self.boxes)
-        return next(demand_witnesses(self.problem, self.seed, self._undecided()), None) if found is None else found
+        found = refuting(self.reading, self.tree, self.region, self.boxes)
+        return next(demand_witnesses(self.reading, self.seed, self._undecided()), None) if found is None else found
 
     @property
     def verdict(self) -> Verdict:
@@ -179,8 +186,8 @@ class Atlas:
         return "undecided" if self.witness is None else "refuted"
 
     def _undecided(self) -> list[Array]:
-        """Middles of the largest cells undecided or not reached, where more than Theorem K was asked for."""
-        if self.problem.demands is None:
+        """Middles of the largest cells undecided or not reached, where more than Theorem N was asked for."""
+        if self.problem.requirements is None:
             return []
         cells = self.tree.leaves(CellStatus.UNDECIDED, CellStatus.UNREACHED)
         volume = np.prod(self.tree.size[cells].astype(np.float64), axis=1)
@@ -190,7 +197,7 @@ class Atlas:
     @property
     def _whole(self) -> bool:
         if self.proved is not None:
-            return over_region(self.proved.cover, self.proved.demanded, self.problem.demands is not None)
+            return over_region(self.proved.cover, self.proved.demanded, self.problem.requirements is not None)
         return self.source is not None and self.certified_fraction == 1.0 and self.single_valued
 
     @property
@@ -290,12 +297,12 @@ class Atlas:
         delta = self.region.reduce(points) - boxes.centre[:, self.problem.system.independent]
         theta = newton(self.problem, solve_in_boxes(self.problem, boxes, delta).theta, 1).theta
         theta[:, self.problem.system.independent] = points
-        q_free = self.problem.system.chart.configuration(theta)
+        q_free = self.reading.configuration(theta)
         return np.asarray(q_free[0] if np.ndim(q) == 1 else q_free)
 
     def verify(self) -> Mask:
         """Check Theorem N for every box again, and what else was asked, from its data alone, of shape (B,)."""
-        return check(equations_of(self.problem), self.boxes).proved & meets(self.problem, self.boxes)
+        return check(closures_of(self.problem), self.boxes).proved & meets(self.problem, self.boxes)
 
     @property
     def fingerprint(self) -> str:
@@ -308,7 +315,7 @@ class Atlas:
         Raises:
             InvalidInputError: It is a workspace's, whose closures hold an end effector besides, which no file names.
         """
-        return store.same_closures(self.problem, self.names, mechanism_of(mechanism), self.seed)
+        return store.same_closures(self.reading, self.names, mechanism_of(mechanism), self.seed)
 
     def save(self, path: str | Path) -> None:
         """Write the atlas to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
@@ -339,7 +346,7 @@ class Atlas:
                 proved=None,
                 complete=header["complete"],
                 region=held.region,
-                problem=held.problem,
+                reading=held.reading,
                 tree=held.tree,
                 seed=np.asarray(arrays["seed"], dtype=np.float64),
                 singular=held.singular,

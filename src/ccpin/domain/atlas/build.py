@@ -19,10 +19,11 @@ from ccpin.domain.atlas.growing import Growing
 from ccpin.domain.atlas.run import Report, Runner, Stopped, glue_boxes, prove_cells
 from ccpin.domain.atlas.singular import SingularCells
 from ccpin.domain.atlas.tasks import CellsToProve, Proved
-from ccpin.domain.boxes import Boxes, Problem, certify_points
+from ccpin.domain.boxes import certify_points
 from ccpin.domain.claims import Seams
-from ccpin.domain.newton import encloses, predict
 from ccpin.errors import SingularConfigurationError
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes, encloses, predict
 
 BUDGET = 400_000
 """Boxes of an atlas: of a mechanism with six coordinates that depend they take half a gigabyte."""

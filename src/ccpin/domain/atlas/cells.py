@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ccpin.arrays import Array, Indices, Mask, joined, numbers, rows_of
 from ccpin.domain.atlas.growing import Growing
-from ccpin.domain.chains import Seed
-from ccpin.domain.in_core import compiled_core
+from ccpin.domain.closures.seeds import Seed
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.native.certifier import compiled_core
 from ccpin.proof.rounding import blur, product_of, sum_of
 
 Corners = Sequence[ArrayLike] | Array  # (lower, upper)
@@ -139,8 +139,8 @@ def region_of(mechanism: Mechanism, seed: Seed, region: Corners | None) -> Regio
     Raises:
         InvalidInputError: Bounds are malformed, do not hold q₀ or exceed a full turn; or a slide has no limits.
     """
-    system = seed.system
-    periodic, q0 = system.periodic[system.independent], seed.theta[system.independent]
+    system = seed.reading.system
+    periodic, q0 = system.periodic[system.independent], seed.q
     names = mechanism.independent
     lower, upper = corners_of(_limits(mechanism, seed) if region is None else region, names, slices=True)
     wrapped = periodic & (upper - lower >= TURN - _SLACK)
@@ -156,10 +156,10 @@ def region_of(mechanism: Mechanism, seed: Seed, region: Corners | None) -> Regio
 
 def _limits(mechanism: Mechanism, seed: Seed) -> tuple[Array, Array]:
     """Default bounds of the independent coordinates."""
-    system, model = seed.system, mechanism.tree.model
+    system, model = seed.reading.system, mechanism.tree.model
     lower, upper = np.full(system.n, -np.pi), np.full(system.n, np.pi)
     for row, index in enumerate(system.independent):
-        joint = next(joint for joint in system.chart.joints if joint.v.start <= index < joint.v.stop)
+        joint = next(joint for joint in seed.reading.chart.joints if joint.v.start <= index < joint.v.stop)
         low, high = -np.inf, np.inf
         if joint.kind.nq == 1:
             low, high = float(model.lowerPositionLimit[joint.q.start]), float(model.upperPositionLimit[joint.q.start])

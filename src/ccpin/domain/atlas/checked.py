@@ -106,7 +106,7 @@ def checked_cells(arrays: NamedArrays) -> None:
 
 
 def checked_boxes(arrays: NamedArrays) -> None:
-    """D moves q as δ does, and the box of each certified cell, as wide as Theorem K has it, covers the cell.
+    """D moves q as δ does, and the box of each certified cell, as wide as Theorem N has it, covers the cell.
 
     Raises:
         InvalidInputError: Not so; the field is named.

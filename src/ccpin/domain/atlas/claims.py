@@ -8,12 +8,13 @@ import numpy as np
 
 from ccpin.arrays import Array, joined, rows_of
 from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of
-from ccpin.domain.boxes import Boxes, Problem
-from ccpin.domain.claims import Seams, equations_of, proved_points
+from ccpin.domain.claims import Seams, proved_points
 from ccpin.domain.newton import glued
 from ccpin.proof.covers import Cover
 from ccpin.proof.demanded import Demanded
+from ccpin.proof.equations import Problem, closures_of
 from ccpin.proof.facts import Fact, prove, prove_some
+from ccpin.proof.newton import Boxes
 from ccpin.proof.solutions import Met, boxes_of
 
 _CHUNK = 500
@@ -30,14 +31,17 @@ def proved_cover(
     problem: Problem, region: Region, tree: CellTree, seed: Array, solutions: tuple[Fact, ...], glue: tuple[Fact, ...]
 ) -> Proved:
     """The fact about a region's cells, those that are certified lying in boxes of facts, numbered through."""
-    equations, demanded = equations_of(problem), None
-    if problem.demands is not None:
-        demanded = prove(Demanded.of(equations, problem.demands), *solutions)
+    equations, demanded = closures_of(problem), None
+    if problem.requirements is not None:
+        demanded = prove(Demanded.of(equations, problem.requirements), *solutions)
     start, met = _started(problem, region, tree, seed, boxes_of(solutions), solutions)
     claim = Cover(
         equations,
-        *(region.lower, region.upper, region.wrapped),
-        *(np.asarray(numbers, dtype=np.int64) for numbers in (tree.cut, tree.child)),
+        lower=region.lower,
+        upper=region.upper,
+        wrapped=region.wrapped,
+        cut=np.asarray(tree.cut, dtype=np.int64),
+        child=np.asarray(tree.child, dtype=np.int64),
         box=np.where(tree.status == CellStatus.CERTIFIED, tree.box, -1).astype(np.int64),
         start=np.array([start], dtype=np.int64),
     )
@@ -75,6 +79,6 @@ def _started(
     (points, near), numbers = proved_points(problem, seed[None]), np.asarray(number, dtype=np.int64)
     if not near.size:
         return -1, ()
-    claim = Met(equations_of(problem), numbers, numbers, delta, delta, point=np.zeros(1, dtype=np.int64))
+    claim = Met(closures_of(problem), numbers, numbers, delta, delta, point=np.zeros(1, dtype=np.int64))
     met, held = prove_some(claim, points, *solutions)
     return (int(number[0]), (met,)) if held[0] else (-1, ())

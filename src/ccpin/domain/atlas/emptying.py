@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Region, place
-from ccpin.domain.atlas.empty import empty_cells, groups_of
-from ccpin.domain.atlas.platform import platform_empty, platform_of
+from ccpin.domain.atlas.platform import platform_empty
 from ccpin.domain.atlas.run import Runner
+from ccpin.proof.emptiness import empty_cells, groups_of, platform_of
 
 _CHUNK = 20_000
 

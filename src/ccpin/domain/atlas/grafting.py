@@ -10,8 +10,9 @@ import numpy as np
 
 from ccpin.arrays import Indices
 from ccpin.domain.atlas.cells import TURN, WHOLE, CellTree, Integers, Region
-from ccpin.domain.boxes import Boxes, Problem
 from ccpin.errors import InvalidInputError
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes
 from ccpin.proof.rounding import UNIT_ROUNDOFF
 
 _TURN = 1e-9

@@ -1,6 +1,6 @@
 """Atlases of parts of a region, made apart, as the one atlas of the region.
 
-What is sound. A box satisfies Theorem K of `boxes` whatever atlas it is in, and a cell that is empty or singular is so
+What is sound. A box satisfies Theorem N of `boxes` whatever atlas it is in, and a cell that is empty or singular is so
 whatever the branch. Every box of a part is reached from the part's seed over glued faces. So where a box of one part
 and one of another are glued at a face that they share (the corollary of `boxes`), all boxes of both parts are reached
 from either seed. Parts are joined in this way, beginning with the first; one that no glued face joins to it may be of
@@ -19,7 +19,7 @@ from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Corners, Re
 from ccpin.domain.atlas.claims import proved_cover, seams_of
 from ccpin.domain.atlas.grafting import grafted, whole_region
 from ccpin.domain.atlas.radius_map import certified_radius
-from ccpin.domain.atlas.store import same_problem
+from ccpin.domain.atlas.store import same_reading
 from ccpin.domain.claims import Seams, proved_glue
 from ccpin.errors import InvalidInputError
 from ccpin.proof.solutions import boxes_of
@@ -86,7 +86,7 @@ def _refuse_others(first: Atlas, other: Atlas, k: int) -> None:
             f"part {k} is about other closures than part 1: parts are of one mechanism as one file states it (where it "
             "has ball joints or distances, whose charts are centred at q0, from one q0)"
         )
-    if not same_problem(first.problem, other.problem):
+    if not same_reading(first.reading, other.reading):
         raise InvalidInputError(f"part {k} has other bounds=, limits= or dexterity= than part 1: they must be the same")
     if np.any(first.region.held != other.region.held):
         raise InvalidInputError(f"part {k} holds other coordinates than part 1: slices are merged with slices")

@@ -26,9 +26,10 @@ from ccpin.containers import Outline, read, write
 from ccpin.domain.atlas.cells import CellStatus, CellTree
 from ccpin.domain.atlas.code import code_digest
 from ccpin.domain.atlas.tasks import Arrays, CellsToProve, Proved, glue_task, prove_task
-from ccpin.domain.boxes import Boxes, Problem
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.files import writable_folder
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes
 
 Task = Callable[[Problem, Arrays], Arrays]
 

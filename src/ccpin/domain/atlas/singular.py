@@ -16,13 +16,15 @@ from scipy.interpolate import PPoly
 from ccpin.arrays import Array, Indices, rows_of
 from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of, leaves_holding, place
 from ccpin.domain.atlas.run import Runner
-from ccpin.domain.boxes import Boxes, Problem
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.folds import Folds, SingularPoints, singular_points
-from ccpin.domain.newton import encloses, newton, predict
+from ccpin.domain.newton import newton
 from ccpin.domain.refutation import singular_witness
-from ccpin.domain.verdict import Witness
 from ccpin.domain.walker import Walker
 from ccpin.errors import SingularConfigurationError
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes, encloses, predict
+from ccpin.proof.verdict import Witness
 
 _CHUNK = 4_000_000
 _REACH = 2.0  # of a cell: how far beside it a fold is looked for
@@ -79,31 +81,32 @@ def mark_singular(runner: Runner, tree: CellTree, region: Region, boxes: Boxes) 
                 yield _marked(tree, region, found, problem.system.independent, np.abs(directions[rows]).max(axis=1))
 
 
-def refuting(problem: Problem, tree: CellTree, region: Region, boxes: Boxes) -> Witness | None:
+def refuting(reading: Reading, tree: CellTree, region: Region, boxes: Boxes) -> Witness | None:
     """A place of the region at which σ is proved not to exist or to be singular, or ``None``."""
     empty = tree.leaves(CellStatus.EMPTY)
     if empty.size:
         largest = empty[[int(np.argmax(np.prod(tree.size[empty].astype(np.float64), axis=1)))]]
         return Witness("empty", place(tree, region, largest)[0][0], None, 0.0)
+    problem = reading.problem
     contacts = _beside_certified(tree, region, CellStatus.SINGULAR)
     for k in range(min(_TRIED, len(contacts.cell))):
         one = rows_of(contacts, slice(k, k + 1))
         theta = _sigma_at(problem, tree, region, boxes, one)[0]
         known = boxes.take(tree.box[one.leaf])
         delta = region.position(one.at_leaf) - known.centre[:, problem.system.independent]
-        found = _witness_from(problem, tree, region, theta, int(one.cell[0]), (known, delta))
+        found = _witness_from(reading, tree, region, theta, int(one.cell[0]), (known, delta))
         if found is not None:
             return found
     return None
 
 
 def _witness_from(
-    problem: Problem, tree: CellTree, region: Region, theta: Array, cell: int, known: tuple[Boxes, Array]
+    reading: Reading, tree: CellTree, region: Region, theta: Array, cell: int, known: tuple[Boxes, Array]
 ) -> Witness | None:
     """A singular configuration between θ, σ in a certified box at parameters δ, and the far corners of a cell."""
     lower = region.position(tree.lower[cell])
     upper = region.position(tree.lower[cell] + tree.size[cell])
-    q = theta[problem.system.independent]
+    problem, q = reading.problem, theta[reading.system.independent]
     targets = [np.where(side, upper, lower) for side in _corners(len(q))]
     still = PPoly(np.stack([np.zeros((1, len(q))), q[None]]), np.array([0.0, 1.0]))
     try:
@@ -111,7 +114,7 @@ def _witness_from(
     except SingularConfigurationError:
         return None
     same = encloses(problem, *known, walker.point.centre, walker.point.radius, walker.point.modes)
-    return singular_witness(walker, targets) if same[0] else None
+    return singular_witness(walker, reading, targets) if same[0] else None
 
 
 def _corners(n: int) -> list[Array]:

@@ -20,15 +20,17 @@ from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.domain.atlas.cells import Cells, CellTree, Region
 from ccpin.domain.atlas.checked import checked_boxes, checked_cells, checked_closures, checked_region
 from ccpin.domain.atlas.singular import SingularCells
-from ccpin.domain.boxes import BoundsName, Boxes, Demands, Problem, problem_of
-from ccpin.domain.chains import Chain, ClosureSystem, closure_system
-from ccpin.domain.chart import Chart, ChartJoint, Elementary
 from ccpin.domain.claims import proved_boxes
+from ccpin.domain.closures.rods import Rod
+from ccpin.domain.closures.scalar_coordinates import Chart, ChartJoint, Elementary
+from ccpin.domain.closures.system import Reading, reading_of
 from ccpin.domain.documents import Document
-from ccpin.domain.rods import Rod
 from ccpin.errors import DifferentSubjectsError, InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.chains import Chain, ClosureSystem
+from ccpin.proof.equations import BoundsName, Problem, Requirements, problem_of
 from ccpin.proof.facts import Fact
+from ccpin.proof.newton import Boxes
 
 Record = TypeVar("Record")
 _SYSTEM_ARRAYS = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
@@ -37,7 +39,7 @@ _SYSTEM_ARRAYS = ("couplings", "offset", "moduli", "independent", "dependent", "
 class Covering(NamedTuple):
     """What every kind holds: the closures, the region, its cells, the fact about its boxes and what is singular."""
 
-    problem: Problem
+    reading: Reading
     region: Region
     tree: CellTree
     solutions: Fact
@@ -73,21 +75,32 @@ def reading(path: str | Path, kind: Document) -> Iterator[tuple[dict[str, Any], 
 
 
 class HasCells(Protocol):
-    """What every kind is: closures, a region, its cells, boxes and what is singular."""
+    """What every kind is."""
 
-    problem: Problem
-    region: Region
-    tree: CellTree
-    singular: SingularCells
+    @property
+    def reading(self) -> Reading:
+        """The closures."""
+
+    @property
+    def region(self) -> Region:
+        """The region."""
+
+    @property
+    def tree(self) -> CellTree:
+        """Its cells."""
 
     @property
     def boxes(self) -> Boxes:
         """The boxes."""
 
+    @property
+    def singular(self) -> SingularCells:
+        """What is singular."""
+
 
 def pack(covering: HasCells) -> tuple[dict[str, Any], NamedArrays]:
     """What every kind holds, as a header and arrays."""
-    header, arrays = pack_problem(covering.problem)
+    header, arrays = pack_reading(covering.reading)
     arrays |= packed("box", covering.boxes) | packed("tree", covering.tree.cells)
     return header, arrays | packed("singular", covering.singular) | pack_region(covering.region)
 
@@ -98,12 +111,12 @@ def unpack(header: dict[str, Any], arrays: NamedArrays) -> Covering:
     Raises:
         InvalidInputError: Theorem N does not hold for a box: the file was altered.
     """
-    problem, boxes = unpack_problem(header, arrays), unpacked("box", Boxes, arrays)
-    solutions, proved = proved_boxes(problem, boxes)
+    reading, boxes = unpack_reading(header, arrays), unpacked("box", Boxes, arrays)
+    solutions, proved = proved_boxes(reading.problem, boxes)
     if not np.all(proved):
         raise InvalidInputError(f"box {int(np.argmin(proved))} is not proved: the file was altered")
     return Covering(
-        problem,
+        reading,
         unpack_region(arrays),
         CellTree(unpacked("tree", Cells, arrays)),
         solutions,
@@ -133,8 +146,8 @@ def unpacked(part: str, kind: type[Record], arrays: NamedArrays) -> Record:
     return kind(**{name: arrays[f"{part}_{name}"] for name in fields})
 
 
-def same_closures(problem: Problem, names: tuple[str, ...], mechanism: Mechanism, theta: Array | None = None) -> bool:
-    """Whether a problem's closures are those that a mechanism's file gives today, bit for bit.
+def same_closures(reading: Reading, names: tuple[str, ...], mechanism: Mechanism, theta: Array | None = None) -> bool:
+    """Whether closures are those that a mechanism's file gives today, bit for bit.
 
     So are then how θ and q′ correspond, what joints are called, and the independent ones among them (`names`). θ is its
     charts' centre; default the mechanism's reference.
@@ -142,19 +155,19 @@ def same_closures(problem: Problem, names: tuple[str, ...], mechanism: Mechanism
     Raises:
         InvalidInputError: It is a workspace's, whose closures hold an end effector besides, which no file names.
     """
-    if problem.demands is not None:
+    if reading.problem.requirements is not None:
         raise InvalidInputError(
             "the closures of a workspace also hold its end effector, which a model does not name: compare its "
             "fingerprint with that of an atlas that the same certify_workspace makes today"
         )
-    chart = problem.system.chart
+    chart = reading.chart
     if (chart.nq, chart.n_free, names) != (mechanism.nq, mechanism.n_free, tuple(mechanism.independent)):
         return False
     if theta is None:
-        theta = problem.system.theta(mechanism.q_reference)
-    system = closure_system(mechanism, chart.configuration(theta[None, : chart.n_free])[0])
-    bounds: BoundsName = "reach" if problem.phasors is None else "auto"
-    return same_problem(problem_of(system, bounds), problem)
+        theta = reading.theta(mechanism.q_reference)
+    bounds: BoundsName = "reach" if reading.problem.phasors is None else "auto"
+    today = reading_of(mechanism, reading.configuration(theta[None, : chart.n_free])[0])
+    return same_reading(today.bounded(bounds), reading)
 
 
 class AboutClosures(Protocol):
@@ -180,7 +193,7 @@ def require_about(task: str, proved: AboutClosures, mechanism: Mechanism | HasMe
 
 def fingerprint_of(problem: Problem) -> str:
     """SHA-256 of a problem's closures, as its file has it."""
-    return fingerprint(pack_problem(problem)[1])
+    return fingerprint(_pack_system(problem.system))
 
 
 def fingerprint(arrays: NamedArrays) -> str:
@@ -193,42 +206,47 @@ def fingerprint(arrays: NamedArrays) -> str:
     return digest.hexdigest()
 
 
-def pack_problem(problem: Problem) -> tuple[dict[str, Any], NamedArrays]:
-    """A problem as a header and arrays."""
-    system = problem.system
+def _pack_system(system: ClosureSystem) -> NamedArrays:
+    """Closures as arrays."""
     arrays: NamedArrays = {f"system_{name}": getattr(system, name) for name in _SYSTEM_ARRAYS}
-    rods: list[dict[str, Any]] = []
     for k, chain in enumerate(system.chains):
         for name, value in chain._asdict().items():
             arrays[f"chain{k}_{name}"] = np.asarray(value)
-    for k, joint in enumerate(system.chart.joints):
+    return arrays
+
+
+def pack_reading(reading: Reading) -> tuple[dict[str, Any], NamedArrays]:
+    """A reading as a header and arrays."""
+    problem, chart = reading.problem, reading.chart
+    arrays, rods = _pack_system(problem.system), list[dict[str, Any]]()
+    for k, joint in enumerate(chart.joints):
         arrays[f"joint{k}_reference"] = joint.reference
-    for k, rod in enumerate(system.rods):
+    for k, rod in enumerate(reading.rods):
         numbers, paths = _pack_rod(rod)
         arrays |= {f"rod{k}_{name}": array for name, array in numbers.items()}
         rods.append(paths)
     header = {
         "rods": rods,
-        "chains": len(system.chains),
-        "nq": system.chart.nq,
-        "n_free": system.chart.n_free,
-        "joints": [[j.name, j.kind.name, j.q.start, j.q.stop, j.v.start, j.v.stop] for j in system.chart.joints],
+        "chains": len(problem.system.chains),
+        "nq": chart.nq,
+        "n_free": chart.n_free,
+        "joints": [[j.name, j.kind.name, j.q.start, j.q.stop, j.v.start, j.v.stop] for j in chart.joints],
         "planar": problem.phasors is not None,
     }
-    if problem.demands is not None:  # JSON has no infinity: the largest number stands for no limit
-        arrays |= {f"demand_{name}": np.nan_to_num(value) for name, value in problem.demands._asdict().items()}
+    if problem.requirements is not None:  # JSON has no infinity: the largest number stands for no limit
+        arrays |= {f"demand_{name}": np.nan_to_num(value) for name, value in problem.requirements._asdict().items()}
     return header, arrays
 
 
-def same_problem(one: Problem, other: Problem) -> bool:
-    """Whether two problems are the same, bit for bit: closures, charts, bounds and demands."""
-    (header, arrays), (header_two, arrays_two) = pack_problem(one), pack_problem(other)
+def same_reading(one: Reading, other: Reading) -> bool:
+    """Whether two readings are the same, bit for bit: closures, charts, bounds and demands."""
+    (header, arrays), (header_two, arrays_two) = pack_reading(one), pack_reading(other)
     same = header == header_two and {*arrays} == {*arrays_two}
     return same and all(np.array_equal(arrays[name], arrays_two[name]) for name in arrays)
 
 
-def unpack_problem(header: dict[str, Any], arrays: NamedArrays) -> Problem:
-    """The problem that `pack_problem` packed."""
+def unpack_reading(header: dict[str, Any], arrays: NamedArrays) -> Reading:
+    """The reading that `pack_reading` packed."""
     chains = []
     for k in range(header["chains"]):
         fields = {name: arrays[f"chain{k}_{name}"] for name in Chain._fields}
@@ -238,20 +256,15 @@ def unpack_problem(header: dict[str, Any], arrays: NamedArrays) -> Problem:
         for k, (name, kind, q0, q1, v0, v1) in enumerate(header["joints"])
     )
     named: dict[str, Any] = {name: arrays[f"system_{name}"] for name in _SYSTEM_ARRAYS}
-    system = ClosureSystem(
-        chains=tuple(chains),
-        chart=Chart(joints, header["nq"], header["n_free"]),
-        rods=tuple(
-            _unpack_rod(rod, {n[len(f"rod{k}_") :]: a for n, a in arrays.items() if n.startswith(f"rod{k}_")})
-            for k, rod in enumerate(header["rods"])
-        ),
-        **named,
+    rods = tuple(
+        _unpack_rod(rod, {n[len(f"rod{k}_") :]: a for n, a in arrays.items() if n.startswith(f"rod{k}_")})
+        for k, rod in enumerate(header["rods"])
     )
-    demands = {name[len("demand_") :]: array for name, array in arrays.items() if name.startswith("demand_")}
-    problem = problem_of(system, "planar" if header["planar"] else "reach")
-    if not demands:
-        return problem
-    return problem._replace(demands=Demands(**{**demands, "dexterity": float(demands["dexterity"])}))  # type: ignore[arg-type]
+    asked = {name[len("demand_") :]: array for name, array in arrays.items() if name.startswith("demand_")}
+    problem = problem_of(ClosureSystem(tuple(chains), **named), "planar" if header["planar"] else "reach")
+    if asked:
+        problem = problem._replace(requirements=Requirements(**{**asked, "dexterity": float(asked["dexterity"])}))  # type: ignore[arg-type]
+    return Reading(problem, Chart(joints, header["nq"], header["n_free"]), rods)
 
 
 def _pack_rod(rod: Rod) -> tuple[NamedArrays, dict[str, Any]]:

@@ -17,12 +17,13 @@ from ccpin.domain.atlas.claims import proved_cover
 from ccpin.domain.atlas.emptying import prove_empty
 from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for, reporter, stoppable
 from ccpin.domain.atlas.singular import mark_singular
-from ccpin.domain.boxes import BoundsName, Problem, problem_of
-from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.claims import Seams, proved_boxes, proved_glue
+from ccpin.domain.closures.seeds import seed_at_coordinates
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.sheets.emptiness import search_empty
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.equations import BoundsName
 
 _DEPTHS = {1: 14, 2: 12, 3: 6}
 _TOLERANCES = {1: 1e-5, 2: 2e-5, 3: 2e-3}
@@ -104,10 +105,10 @@ def certify(
         effort = effort._replace(tolerance=_TOLERANCES.get(mechanism.n, _MANY_TOLERANCE))
     else:
         effort = effort._replace(tolerance=positive(resolution, "resolution"))
-    problem = problem_of(seed.system, bounds)
+    reading = seed.reading.bounded(bounds)
     area = region_of(mechanism, seed, region)
     return survey(
-        problem, seed.theta, tuple(mechanism.independent), area, effort, Work(workers, executor, checkpoint, progress)
+        reading, seed.theta, tuple(mechanism.independent), area, effort, Work(workers, executor, checkpoint, progress)
     )
 
 
@@ -152,7 +153,7 @@ def effort_of(
 
 
 def survey(
-    problem: Problem,
+    reading: Reading,
     seed: Array,
     names: tuple[str, ...],
     region: Region,
@@ -165,7 +166,7 @@ def survey(
     Raises:
         SingularConfigurationError: The seed is singular.
     """
-    complete = True
+    problem, complete = reading.problem, True
     with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
         runner = Runner(problem, chosen, work.checkpoint, flag)
         builder = AtlasBuilder(problem, seed, region, runner, reporter(work.progress), shape, effort.budget)
@@ -175,7 +176,7 @@ def survey(
             if effort.depth:
                 _cover(builder, effort)
                 if effort.exhaustive:
-                    search_empty(runner, builder.tree, region, effort.depth)
+                    search_empty(runner, reading, builder.tree, region, effort.depth)
                 for found in mark_singular(runner, builder.tree, region, builder.boxes):
                     builder.singular.append(found)
         except Stopped:
@@ -193,7 +194,7 @@ def survey(
         proved=proved,
         complete=complete,
         region=region,
-        problem=problem,
+        reading=reading,
         tree=builder.tree,
         seed=seed,
         singular=joined(builder.singular),

@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.arrays import Array, Indices, Mask, apply
-from ccpin.domain.boxes import Boxes, Problem, certify_boxes
-from ccpin.domain.demands import meets
+from ccpin.domain.boxes import certify_boxes
 from ccpin.domain.newton import glued, newton
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes
+from ccpin.proof.requirements import meets
 
 Arrays = tuple[NDArray[np.generic], ...]
 _AT_FACE, _AT_CENTRE = 5, 10
@@ -60,7 +62,7 @@ def glue_task(problem: Problem, arrays: Arrays) -> Arrays:
 
 
 def prove(problem: Problem, cells: CellsToProve) -> Proved:
-    """Follow σ from each start to its cell's centre and try Theorem K there."""
+    """Follow σ from each start to its cell's centre and try Theorem N there."""
     system = problem.system
     with np.errstate(all="ignore"):
         at_face = newton(problem, cells.start, _AT_FACE, _NEAR)

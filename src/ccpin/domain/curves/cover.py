@@ -16,20 +16,21 @@ from ccpin.domain.atlas import store
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import CellStatus, Region, leaves_holding
 from ccpin.domain.atlas.run import Runner, Work, executor_for, stoppable
-from ccpin.domain.boxes import BoundsName, Problem, closure_values, problem_of
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.curves.covering import Nearby, extents
 from ccpin.domain.curves.curve import CertifiedCurve, as_curve, holds
 from ccpin.domain.curves.following import Chain
 from ccpin.domain.curves.search import Found, Place, Search
 from ccpin.domain.curves.tubes import Points, Stated, no_tubes, proved_again, stated, zeros_in
 from ccpin.domain.documents import CURVES
-from ccpin.domain.newton import without_turns
-from ccpin.domain.sheets.narrowing import Candidates
-from ccpin.domain.verdict import Verdict, of_file
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.digests import Digests, require_same
+from ccpin.proof.equations import BoundsName, Problem, closure_values
+from ccpin.proof.narrowing import Candidates
+from ccpin.proof.newton import without_turns
 from ccpin.proof.ranges import Ranges
+from ccpin.proof.verdict import Verdict, of_file
 
 _SAMPLES = 33  # of a tube
 _TOUCHING = 1e-12
@@ -73,7 +74,7 @@ class SingularCover:
     Attributes:
         names: The independent coordinates, in the order of q.
         region: What was asked for.
-        problem: The closures.
+        reading: The closures, and how their coordinates and configurations correspond.
         curves: The curves, folds first.
         uncovered: Boxes that may hold others: about bifurcations, where curves cross or configurations are singular
             twice; and wherever the work ended early.
@@ -88,7 +89,7 @@ class SingularCover:
 
     names: tuple[str, ...]
     region: Region
-    problem: Problem
+    reading: Reading
     curves: tuple[CertifiedCurve, ...]
     uncovered: UncoveredBoxes
     tried: int
@@ -101,6 +102,11 @@ class SingularCover:
         kinds = ", ".join(curve.kind for curve in self.curves) or "none"
         left = f"{len(self.uncovered.lower)} boxes uncovered" + ("" if self.source is None else ", loaded")
         return f"SingularCover({', '.join(self.names)}: curves {kinds}; {left})"
+
+    @property
+    def problem(self) -> Problem:
+        """The closures."""
+        return self.reading.problem
 
     @property
     def complete(self) -> bool:
@@ -204,7 +210,7 @@ class SingularCover:
 
     def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
         """Whether the closures are those that a mechanism's file gives today, bit for bit."""
-        return store.same_closures(self.problem, self.names, mechanism_of(mechanism))
+        return store.same_closures(self.reading, self.names, mechanism_of(mechanism))
 
     def continued(
         self,
@@ -235,15 +241,15 @@ class SingularCover:
             InvalidInputError: The resolution, budget, seconds or workers is malformed.
         """
         effort = effort_of(self.resolution if resolution is None else resolution, budget, seconds, progress)
-        problem, work = problem_of(self.problem.system, bounds), Work(workers, executor, checkpoint)
-        return searched(problem, self.names, Place(self.region, self.ranges), effort, work, self)
+        reading, work = self.reading.bounded(bounds), Work(workers, executor, checkpoint)
+        return searched(reading, self.names, Place(self.region, self.ranges), effort, work, self)
 
     def save(self, path: str | Path) -> None:
         """Write the cover to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it.
 
         The boxes that were settled are not in it: the auditor has a search of its own.
         """
-        header, arrays = store.pack_problem(self.problem)
+        header, arrays = store.pack_reading(self.reading)
         header |= {"names": list(self.names), "tried": self.tried, "limit": self.limit, "resolution": self.resolution}
         tubes = joined([no_tubes(self.problem), *(curve.tubes for curve in self.curves)])
         records: dict[str, Any] = dict(zip(_RECORDS, (stated(tubes), self.ranges, self.uncovered), strict=True))
@@ -265,8 +271,8 @@ class SingularCover:
         """
         with store.reading(path, CURVES) as (header, arrays):
             given, ranges, uncovered = (store.unpacked(part, kind, arrays) for part, kind in _RECORDS.items())
-            problem = store.unpack_problem(header, arrays)
-            tubes, proved = proved_again(problem, given)
+            reading = store.unpack_reading(header, arrays)
+            tubes, proved = proved_again(reading.problem, given)
             if not np.all(proved):
                 raise InvalidInputError(f"tube {int(np.argmin(proved))} is not proved: the file was altered")
             sizes = arrays["curve_tubes"].astype(np.int64)
@@ -277,8 +283,8 @@ class SingularCover:
             return cls(
                 names=tuple(header["names"]),
                 region=store.unpack_region(arrays),
-                problem=problem,
-                curves=tuple(as_curve(problem, chain) for chain in chains),
+                reading=reading,
+                curves=tuple(as_curve(reading, chain) for chain in chains),
                 uncovered=uncovered,
                 tried=header["tried"],
                 limit=header["limit"],
@@ -288,7 +294,7 @@ class SingularCover:
             )
 
     def _thetas(self, q_free: ArrayLike) -> Array:
-        chart = self.problem.system.chart
+        chart = self.reading.chart
         given = matrix_rows(np.atleast_2d(np.asarray(q_free)), "q_free", chart.nq)
         return np.array([chart.theta(row) for row in given]).reshape(-1, chart.n_free)
 
@@ -311,7 +317,7 @@ def effort_of(
 
 
 def searched(
-    problem: Problem,
+    reading: Reading,
     names: tuple[str, ...],
     place: Place,
     effort: Effort,
@@ -319,18 +325,19 @@ def searched(
     before: SingularCover | None = None,
 ) -> SingularCover:
     """The cover of a place, or what more work makes of one; who does the work is all that `work` says."""
-    chains, waiting, tried = list[Chain](), None, 0
+    problem, chains, waiting, tried = reading.problem, list[Chain](), None, 0
     if before is not None:
         chains = [Chain(curve.tubes, curve.closed) for curve in before.curves]
         waiting, tried = _waiting(problem, before.uncovered), before.tried
     with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
         search = Search(Runner(problem, chosen, work.checkpoint, flag), place, chains)
         found = search.run(effort.resolution, effort.budget, effort.report, waiting)
-    curves = sorted((as_curve(search.plain, chain) for chain in found.chains), key=lambda curve: curve.kind)
+    plain = reading._replace(problem=search.plain)
+    curves = sorted((as_curve(plain, chain) for chain in found.chains), key=lambda curve: curve.kind)
     return SingularCover(
         names=names,
         region=place.region,
-        problem=search.plain,
+        reading=plain,
         curves=tuple(curves),
         uncovered=_uncovered(problem, found),
         tried=tried + found.tried,

@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ccpin.arrays import Array, Indices, Mask, apply, rows_of
-from ccpin.domain.boxes import Problem, closure_derivatives, solve_many
+from ccpin.arrays import Array, Indices, Mask, apply, rows_of, solve_many
 from ccpin.domain.curves.system import first_order, values_at
 from ccpin.domain.curves.tubes import Frames, Points, Tubes, bounds_of, frames_at, inverse_without, places_in
-from ccpin.domain.extended import third_bound
-from ccpin.domain.newton import without_turns
-from ccpin.domain.sheets.narrowing import Candidates
+from ccpin.domain.newton import closure_derivatives
+from ccpin.proof.equations import Problem, third_bound
+from ccpin.proof.narrowing import Candidates
+from ccpin.proof.newton import without_turns
 from ccpin.proof.rounding import SLACK, blur
 
 _BESIDE, _ABOUT = 3, 8

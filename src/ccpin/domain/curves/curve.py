@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, joined, rows_of
-from ccpin.domain.boxes import Problem
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.curves.following import Chain
 from ccpin.domain.curves.system import values_at
 from ccpin.domain.curves.tubes import Frames, Tubes, certify_tubes, glued, zeros_in
-from ccpin.domain.newton import without_turns
 from ccpin.domain.singularities import CurveKind, SingularCurve
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import without_turns
 
 _STILL = 1e-7
 _AGAIN, _ROUNDED = 1e-6, 1e-15  # how far the same bounds may differ when formed again
@@ -48,16 +49,16 @@ class CertifiedCurve(NamedTuple):
         return SingularCurve(self.kind, q, self.q_free[order], self.closed, self.error[order])
 
 
-def as_curve(problem: Problem, chain: Chain) -> CertifiedCurve:
+def as_curve(reading: Reading, chain: Chain) -> CertifiedCurve:
     """The curve in a chain's tubes."""
-    system, tubes = problem.system, chain.tubes
-    at = zeros_in(problem, tubes, np.zeros(len(tubes.half)))
+    system, tubes = reading.system, chain.tubes
+    at = zeros_in(reading.problem, tubes, np.zeros(len(tubes.half)))
     error = (np.abs(at.x - tubes.x) + at.error)[:, : system.n_free].max(axis=1)
     reach = (np.abs(tubes.tangent) * tubes.half[:, None] + tubes.hull)[:, : system.n_free].max(axis=1)
     q = tubes.theta[:, system.independent]
     still = bool(np.ptp(q, axis=0).max() < _STILL)
     q = without_turns(q[:1], system.periodic[system.independent]) if still else q
-    q_free = system.chart.configuration(tubes.theta)
+    q_free = reading.configuration(tubes.theta)
     return CertifiedCurve("self-motion" if still else "fold", q, q_free, chain.closed, error, reach, tubes)
 
 

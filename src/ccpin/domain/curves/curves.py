@@ -8,13 +8,13 @@ from pathlib import Path
 
 from ccpin.domain.atlas.cells import Corners
 from ccpin.domain.atlas.run import Work
-from ccpin.domain.boxes import BoundsName, problem_of
-from ccpin.domain.chains import ClosureSystem, closure_system
+from ccpin.domain.closures.system import Reading, reading_of
 from ccpin.domain.curves.cover import SingularCover, effort_of, searched
 from ccpin.domain.curves.search import Place
 from ccpin.domain.sheets.search import refuse, region_about, searched_ranges
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.equations import BoundsName
 
 
 def certify_singularities(
@@ -58,21 +58,21 @@ def certify_singularities(
         InvalidInputError: The region, resolution, budget, seconds or workers is malformed.
     """
     mechanism = mechanism_of(mechanism)
-    system = _system(mechanism)
+    reading = _reading(mechanism)
     effort = effort_of(resolution, budget, seconds, progress)
-    area = region_about(mechanism, system, region)
-    place = Place(area, searched_ranges(mechanism, system, area))
+    area = region_about(mechanism, reading, region)
+    place = Place(area, searched_ranges(mechanism, reading, area))
     work = Work(workers, executor, checkpoint)
-    return searched(problem_of(system, bounds), tuple(mechanism.independent), place, effort, work)
+    return searched(reading.bounded(bounds), tuple(mechanism.independent), place, effort, work)
 
 
-def _system(mechanism: Mechanism) -> ClosureSystem:
+def _reading(mechanism: Mechanism) -> Reading:
     """The closures, if their singular configurations are curves that can be searched for."""
     if mechanism.n != 2:
         raise UnsupportedMechanismError(
             f"singular curves are those of two independent coordinates; '{mechanism.name}' has {mechanism.n}"
             + (": hold joints still with load(locked=…) for a slice" if mechanism.n > 2 else "")
         )
-    system = closure_system(mechanism, mechanism.q_reference)
-    refuse(mechanism, system, "singular curves cannot all be found")
-    return system
+    reading = reading_of(mechanism, mechanism.q_reference)
+    refuse(mechanism, reading, "singular curves cannot all be found")
+    return reading

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, joined, rows_of
-from ccpin.domain.boxes import Problem
 from ccpin.domain.curves.system import onto_curves, values_at
 from ccpin.domain.curves.tubes import Points, Tubes, glued, longest, places_in
+from ccpin.proof.equations import Problem
 
 _FIRST = np.geomspace(0.4, 1e-4, 40)
 _NEXT = np.array([1.5, 1.25, 1.1, 1.0, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2, 0.1])

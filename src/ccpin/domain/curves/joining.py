@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
-from ccpin.domain.boxes import Problem
 from ccpin.domain.curves.covering import Nearby
 from ccpin.domain.curves.following import Chain
 from ccpin.domain.curves.system import values_at
 from ccpin.domain.curves.tubes import Frames, Points, Tubes, bounds_of, glued, inverse_without, places_in, zeros_in
-from ccpin.domain.newton import without_turns
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import without_turns
 from ccpin.proof.rounding import SLACK
 
 _LAST = 4  # tubes of a chain from which it may go on in another

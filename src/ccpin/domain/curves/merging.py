@@ -21,13 +21,13 @@ import numpy as np
 from ccpin.arrays import Array, Mask, joined
 from ccpin.domain.atlas import store
 from ccpin.domain.atlas.cells import TURN, Region
-from ccpin.domain.boxes import Problem
 from ccpin.domain.curves.cover import SingularCover
 from ccpin.domain.curves.curve import as_curve
 from ccpin.domain.curves.following import Chain
 from ccpin.domain.curves.joining import one_of_each
 from ccpin.domain.curves.search import BEYOND
 from ccpin.errors import InvalidInputError
+from ccpin.proof.equations import Problem
 from ccpin.proof.ranges import ranges_over
 
 _ALIGNED = 0.1 * BEYOND  # of bounds (rad, m)
@@ -40,7 +40,7 @@ def merge_covers(covers: Sequence[SingularCover]) -> SingularCover:
     for k, other in enumerate(covers[1:], start=2):
         _refuse_others(first, other, k)
     chains = [Chain(curve.tubes, curve.closed) for cover in covers for curve in cover.curves]
-    curves = [as_curve(first.problem, chain) for chain in one_of_each(first.problem, chains)]
+    curves = [as_curve(first.reading, chain) for chain in one_of_each(first.problem, chains)]
     region = filled(first.problem, [cover.region for cover in covers])
     return replace(
         first,
@@ -56,7 +56,7 @@ def merge_covers(covers: Sequence[SingularCover]) -> SingularCover:
 
 def _refuse_others(first: SingularCover, other: SingularCover, k: int) -> None:
     """What speaks of other things than the first."""
-    if first.names != other.names or not store.same_problem(first.problem, other.problem):
+    if first.names != other.names or not store.same_reading(first.reading, other.reading):
         raise InvalidInputError(
             f"part {k} is about other closures than part 1: parts are of one mechanism as one file states it"
         )

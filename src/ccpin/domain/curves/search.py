@@ -17,14 +17,15 @@ from ccpin.arrays import Array, Mask, joined, rows_of
 from ccpin.domain.atlas.cells import Region
 from ccpin.domain.atlas.run import Runner, Stopped
 from ccpin.domain.atlas.tasks import Arrays
-from ccpin.domain.boxes import Problem, closure_derivatives, closure_values
 from ccpin.domain.curves.covering import Nearby, directions, extents
 from ccpin.domain.curves.following import Chain, follow, prolonged
 from ccpin.domain.curves.system import onto_curves
 from ccpin.domain.curves.tasks import narrow_boxes, settle_boxes
 from ccpin.domain.curves.tubes import Points, Tubes, no_tubes
+from ccpin.domain.newton import closure_derivatives
 from ccpin.domain.sheets.candidates import rows_to_halve_for
-from ccpin.domain.sheets.narrowing import Candidates
+from ccpin.proof.equations import Problem, closure_values
+from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import Ranges
 
 BEYOND = 1e-12

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Mask, apply
-from ccpin.domain.boxes import Problem, closure_derivatives, solve_many
-from ccpin.domain.chain_stack import Derivatives, third_along
-from ccpin.domain.extended import third_bound
+from ccpin.arrays import Array, Mask, apply, solve_many
+from ccpin.domain.newton import closure_derivatives
+from ccpin.proof.equations import Derivatives, Problem, third_bound
+from ccpin.proof.tips import third_along
 
 _SETTLED, _FAR = 1e-7, 1.0
 

@@ -11,11 +11,11 @@ import numpy as np
 from ccpin.arrays import joined, rows_of
 from ccpin.domain.atlas.run import Runner
 from ccpin.domain.atlas.tasks import Arrays
-from ccpin.domain.boxes import Problem
 from ccpin.domain.curves.covering import Nearby, settled_beside
 from ccpin.domain.curves.tubes import Tubes
 from ccpin.domain.sheets.candidates import beyond
-from ccpin.domain.sheets.narrowing import Candidates, narrowed
+from ccpin.proof.equations import Problem
+from ccpin.proof.narrowing import Candidates, narrowed
 from ccpin.proof.ranges import Ranges
 
 _CHUNK = 1000

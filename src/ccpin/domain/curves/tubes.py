@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, apply, rows_of
-from ccpin.domain.boxes import Problem, inverses
+from ccpin.arrays import Array, Indices, Mask, apply, inverses, rows_of
 from ccpin.domain.curves.system import Values, drift, first_order, rounding_at, values_at
-from ccpin.domain.newton import without_turns
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import without_turns
 from ccpin.proof.rounding import SLACK
 
 _WIDEN = 1e-13

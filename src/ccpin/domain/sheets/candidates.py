@@ -8,8 +8,8 @@ from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
 from ccpin.domain.atlas.cells import CellTree, Region, place
 from ccpin.domain.atlas.run import Runner, Stopped
 from ccpin.domain.atlas.tasks import Arrays
-from ccpin.domain.boxes import Problem, closure_values
-from ccpin.domain.sheets.narrowing import Candidates, narrowed
+from ccpin.proof.equations import Problem, closure_values
+from ccpin.proof.narrowing import Candidates, narrowed
 from ccpin.proof.ranges import Ranges
 from ccpin.proof.rounding import blur
 

@@ -13,13 +13,14 @@ import numpy as np
 from ccpin.arrays import Array, Indices, rows_of
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Region, place
 from ccpin.domain.atlas.run import Runner
-from ccpin.domain.boxes import Problem, certify_boxes
-from ccpin.domain.chains import ClosureSystem
+from ccpin.domain.boxes import certify_boxes
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.newton import newton
 from ccpin.domain.sheets.candidates import Pruning, handed_down, whole_candidates
-from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.sheets.paving import MOST_DEPENDENT
 from ccpin.errors import UnsupportedMechanismError
+from ccpin.proof.equations import Problem
+from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import NO_LIMIT, Ranges, ranges_of
 
 _BUDGET = 2_000_000
@@ -28,7 +29,7 @@ _NEWTON = 12
 _WORTH = 1e-3
 
 
-def search_empty(runner: Runner, tree: CellTree, region: Region, depth: int) -> None:
+def search_empty(runner: Runner, reading: Reading, tree: CellTree, region: Region, depth: int) -> None:
     """Mark unreached cells as empty where an exhaustive search proves it, halving them `depth` times at most.
 
     It ends early where its budget of two million candidates is spent; what it had no time for stays unreached. Nothing
@@ -38,7 +39,7 @@ def search_empty(runner: Runner, tree: CellTree, region: Region, depth: int) -> 
         Stopped: An interrupt was asked for; what was proved by then is marked.
     """
     problem = runner.problem
-    ranges = all_values(problem.system, region.lower, region.upper)
+    ranges = all_values(reading, region.lower, region.upper)
     if ranges is None or problem.system.m > MOST_DEPENDENT or _share(tree) < _WORTH:
         return
     root = np.zeros(1, dtype=np.intp)
@@ -95,9 +96,10 @@ def _unsettled(problem: Problem, tree: CellTree, waiting: Candidates) -> Candida
     return rows_of(waiting, ~np.isin(waiting.cell, waiting.cell[rows[tried.proved]]))
 
 
-def all_values(system: ClosureSystem, lower: Array, upper: Array) -> Ranges | None:
+def all_values(reading: Reading, lower: Array, upper: Array) -> Ranges | None:
     """Ranges that hold every closed configuration over lower ≤ q ≤ upper (n,); ``None`` where there are none known."""
-    if system.rods or np.any(system.moduli) or any(joint.kind.unit == 4 for joint in system.chart.joints):
+    system = reading.system
+    if reading.rods or np.any(system.moduli) or any(joint.kind.unit == 4 for joint in reading.chart.joints):
         return None
     limits = np.tile([-NO_LIMIT, NO_LIMIT], (system.m, 1))
     names = [str(j) for j in range(system.n_free)]

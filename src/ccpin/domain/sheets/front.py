@@ -1,10 +1,10 @@
 """σ on every sheet over cells that are known to be regular, carried from one counted point of each part to all of it.
 
 A *part* is a connected union of cells over which no configuration is singular, so that every q of it has as many closed
-configurations as one that was counted (Proposition C of `paving`). A cell is certified when as many boxes of Theorem K
+configurations as one that was counted (Proposition C of `paving`). A cell is certified when as many boxes of Theorem N
 are proved over it, each glued at a common face to a box of a certified neighbour, no two to the same one. Neighbours'
 boxes carry different solutions, so these do, and they are all there is over the cell. Over the other cells, those that
-hold a fold of some sheets, the sheets that have none there are carried on one by one, as far as Theorem K goes.
+hold a fold of some sheets, the sheets that have none there are carried on one by one, as far as Theorem N goes.
 """
 
 from __future__ import annotations
@@ -19,8 +19,10 @@ from ccpin.arrays import Array, Indices, Mask, joined, rows_of
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Contacts, Region, contacts_of, place
 from ccpin.domain.atlas.run import Report, Runner, glue_boxes, prove_cells
 from ccpin.domain.atlas.tasks import CellsToProve
-from ccpin.domain.boxes import Boxes, Problem, certify_points
-from ccpin.domain.newton import encloses, newton, predict, without_turns
+from ccpin.domain.boxes import certify_points
+from ccpin.domain.newton import newton
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes, encloses, predict, without_turns
 
 _CHUNK = 2000
 _NEAR = 1e-6

@@ -8,7 +8,7 @@ narrowed (Proposition N of `narrowing`), dropped where that shows them to be emp
   limit are kept even so. What is left over the smallest cells encloses all singular closed configurations over the
   region, and all that lie on a limit.
 - `all_solutions` looks for *all* closed configurations over points: it also drops candidates in which one is proved to
-  be the only one (Theorem K and Proposition U), and keeps that one if it lies in the ranges.
+  be the only one (Theorem N and Proposition U), and keeps that one if it lies in the ranges.
 
 What is left over counts by Proposition C of `ccpin/proof/theorems/counting.md`.
 
@@ -28,8 +28,8 @@ from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region, place
 from ccpin.domain.atlas.run import Report, Runner
 from ccpin.domain.atlas.tasks import Arrays
-from ccpin.domain.boxes import Boxes, Problem, certify_boxes
-from ccpin.domain.newton import newton, without_turns
+from ccpin.domain.boxes import certify_boxes
+from ccpin.domain.newton import newton
 from ccpin.domain.sheets.candidates import (
     Pruning,
     halved,
@@ -39,7 +39,9 @@ from ccpin.domain.sheets.candidates import (
     to_halve,
     whole_candidates,
 )
-from ccpin.domain.sheets.narrowing import Candidates, alone_in
+from ccpin.proof.equations import Problem
+from ccpin.proof.narrowing import Candidates, alone_in
+from ccpin.proof.newton import Boxes, without_turns
 from ccpin.proof.ranges import Ranges
 from ccpin.proof.rounding import SLACK
 

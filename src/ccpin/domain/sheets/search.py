@@ -17,14 +17,15 @@ from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Corners, Regi
 from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for, reporter, stoppable
 from ccpin.domain.atlas.singular import SingularCells, mark_in_cells
 from ccpin.domain.atlas.store import require_about
-from ccpin.domain.boxes import BoundsName, Problem, problem_of
-from ccpin.domain.chains import ClosureSystem, Seed, closure_system
+from ccpin.domain.closures.seeds import Seed
+from ccpin.domain.closures.system import Reading, reading_of
 from ccpin.domain.sheets.front import Front, Part, glued_pairs, parts_of
 from ccpin.domain.sheets.paving import MOST_DEPENDENT, Cover, cover_singular, solutions_task
 from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.coordinates import component_names
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.equations import BoundsName
 from ccpin.proof.ranges import NO_LIMIT, Ranges, ranges_of
 
 _DEPTHS = {1: 10, 2: 7, 3: 4}
@@ -81,17 +82,18 @@ def certify_sheets(
         DifferentSubjectsError: `begun` is of other closures.
     """
     mechanism = mechanism_of(mechanism)
-    system = closure_system(mechanism, mechanism.q_reference)
-    refuse(mechanism, system)
+    reading = reading_of(mechanism, mechanism.q_reference)
+    refuse(mechanism, reading)
     depth = _DEPTHS[mechanism.n] if max_depth is None else whole(max_depth, "max_depth", 1)
     if not depth + _DEEPER < LEVELS:
         raise InvalidInputError(f"max_depth must be from 1 to {LEVELS - _DEEPER - 1}; it is {depth}")
     time = None if seconds is None else positive(seconds, "seconds")
-    problem, area = problem_of(system, bounds), region_about(mechanism, system, region)
+    reading = reading.bounded(bounds)
+    area = region_about(mechanism, reading, region)
     effort, work = Effort(depth, whole(budget, "budget"), time), Work(workers, executor, checkpoint, progress)
-    ranges = searched_ranges(mechanism, system, area)
+    ranges = searched_ranges(mechanism, reading, area)
     cover = None if begun is None else _begun(mechanism, area, ranges, instance(begun, "begun", SheetAtlas))
-    found = _survey(problem, tuple(mechanism.independent), area, ranges, effort, work, cover)
+    found = _survey(reading, tuple(mechanism.independent), area, ranges, effort, work, cover)
     return found if begun is None else replace(found, source=begun.source)
 
 
@@ -114,7 +116,7 @@ class Effort(NamedTuple):
 
 
 def _survey(
-    problem: Problem,
+    reading: Reading,
     names: tuple[str, ...],
     region: Region,
     ranges: Ranges,
@@ -125,7 +127,7 @@ def _survey(
     """Search, count, certify, glue."""
     report = reporter(work.progress)
     with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
-        runner = Runner(problem, chosen, work.checkpoint, flag)
+        runner = Runner(reading.problem, chosen, work.checkpoint, flag)
         first = runner.within(None if effort.seconds is None else 0.5 * effort.seconds)
         cover = cover_singular(first, region, ranges, effort.depth, effort.budget, report, begun)
         tree, leaves, open_cells = cover.tree, cover.tree.leaves(), np.unique(cover.left.cell)
@@ -133,7 +135,7 @@ def _survey(
         parts, all_counted = _counted(runner, tree, region, ranges, np.setdiff1d(leaves, open_cells))
         front = Front(runner, region, tree, parts, effort.depth + _DEEPER, report)
         complete, joined_by = cover.complete and all_counted, None
-        singular = [SingularCells.none(problem.system.n_free)]
+        singular = [SingularCells.none(reading.system.n_free)]
         try:
             front.run()
             joined_by = glued_pairs(runner, region, tree, front.members, front.boxes)
@@ -148,7 +150,7 @@ def _survey(
     return SheetAtlas(
         names=names,
         region=region,
-        problem=problem,
+        reading=reading,
         tree=tree,
         boxes=front.boxes,
         members=front.members,
@@ -161,16 +163,16 @@ def _survey(
     )
 
 
-def refuse(mechanism: Mechanism, system: ClosureSystem, what: str = "sheets cannot be counted") -> None:
+def refuse(mechanism: Mechanism, reading: Reading, what: str = "sheets cannot be counted") -> None:
     """What cannot be searched exhaustively."""
-    why = None
+    why, system = None, reading.system
     if not 1 <= mechanism.n <= max(_DEPTHS):
         why = f"it has {mechanism.n} independent coordinates, and sheets are for one to three"
     elif system.m > MOST_DEPENDENT:
         why = f"{system.m} of its coordinates depend, and all values of more than {MOST_DEPENDENT} take too long"
-    elif any(joint.kind.unit == 4 for joint in system.chart.joints):
+    elif any(joint.kind.unit == 4 for joint in reading.chart.joints):
         why = "it has ball joints, whose turns have no range to be searched; universal joints have"
-    elif system.rods:
+    elif reading.rods:
         why = "distance closures stand for rods with two angles, which say the same twice"
     elif np.any(system.moduli):
         why = "it has couplings of continuous joints"
@@ -178,27 +180,27 @@ def refuse(mechanism: Mechanism, system: ClosureSystem, what: str = "sheets cann
         raise UnsupportedMechanismError(f"{mechanism.name}: its {what}: {why}")
 
 
-def region_about(mechanism: Mechanism, system: ClosureSystem, region: Corners | None) -> Region:
+def region_about(mechanism: Mechanism, reading: Reading, region: Corners | None) -> Region:
     """The region asked for, or what the joints allow."""
-    theta = system.theta(mechanism.q_reference)
+    theta = reading.theta(mechanism.q_reference)
     if region is not None:
-        theta[system.independent] = np.mean(corners_of(region, mechanism.independent), axis=0)
-    return region_of(mechanism, Seed(system, theta), region)
+        theta[reading.system.independent] = np.mean(corners_of(region, mechanism.independent), axis=0)
+    return region_of(mechanism, Seed(reading, theta), region)
 
 
-def searched_ranges(mechanism: Mechanism, system: ClosureSystem, region: Region) -> Ranges:
+def searched_ranges(mechanism: Mechanism, reading: Reading, region: Region) -> Ranges:
     """What is searched of the dependent coordinates over a region (Lemma R): all there is within the joints' limits.
 
     Raises:
         UnsupportedMechanismError: Nothing bounds one of them.
     """
-    model, names = mechanism.tree.model, component_names(mechanism.tree)
+    system, model, names = reading.system, mechanism.tree.model, component_names(mechanism.tree)
     limits = np.tile([-NO_LIMIT, NO_LIMIT], (system.n_free, 1))
-    for joint in system.chart.joints:
+    for joint in reading.chart.joints:
         if joint.kind.nq == 1:
             low, high = model.lowerPositionLimit[joint.q.start], model.upperPositionLimit[joint.q.start]
             limits[joint.v.start] = max(low, -NO_LIMIT), min(high, NO_LIMIT)
-    middle = system.theta(mechanism.q_reference)
+    middle = reading.theta(mechanism.q_reference)
     return ranges_of(system, middle, (region.lower, region.upper), limits[system.dependent], names)
 
 

@@ -3,7 +3,7 @@
 What is claimed. The region is in cells. Over the *counted* ones it is proved how many closed configurations every q has
 within the limits of slides and coupled joints (Proposition C of `paving`), in ranges that hold all of these (Lemma R of
 `ccpin.proof.ranges`); where there are none, the cell is empty. Over the *certified* ones each of them is a smooth
-function of q in a box of Theorem K, and boxes of neighbours are glued where they carry the same one. A *sheet* is a
+function of q in a box of Theorem N, and boxes of neighbours are glued where they carry the same one. A *sheet* is a
 connected part of the nonsingular closed configurations, as far as boxes are glued (an aspect, in the literature on
 parallel robots). Most sheets have one configuration over each q. On one that has several (`Sheet.layers`) they change
 places along some way in q, round a cusp as a rule: the mechanism goes from one assembly mode to another and meets no
@@ -31,18 +31,18 @@ from ccpin.arrays import Array, Indices, Mask, numbers, whole
 from ccpin.domain.atlas import store
 from ccpin.domain.atlas.cells import WHOLE, CellStatus, CellTree, Region, contacts_of, place
 from ccpin.domain.atlas.singular import SingularCells
-from ccpin.domain.boxes import Boxes, Problem, closure_values
-from ccpin.domain.claims import equations_of
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.cusps import Cusp, distinct, proved_cusps
 from ccpin.domain.documents import SHEETS
-from ccpin.domain.newton import newton, solve_in_boxes, without_turns
+from ccpin.domain.newton import newton
 from ccpin.domain.sheets.front import Glued, Members
-from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.sheets.touching import Fold, cross, near_folds
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.equations import Problem, closure_values, closures_of
+from ccpin.proof.narrowing import Candidates
+from ccpin.proof.newton import Boxes, check, solve_in_boxes, without_turns
 from ccpin.proof.ranges import Ranges
-from ccpin.proof.solutions import check
 
 _PART = 500
 _RECORDS: dict[str, Any] = {"members": Members, "glued": Glued, "left": Candidates, "ranges": Ranges}
@@ -89,9 +89,9 @@ class SheetAtlas:
     Attributes:
         names: The independent coordinates, in the order of q.
         region: What was asked for.
-        problem: The closures.
+        reading: The closures, and how their coordinates and configurations correspond.
         tree: The cells.
-        boxes: The certified boxes, as Theorem K has them.
+        boxes: The certified boxes, as Theorem N has them.
         members: Which boxes lie over which cells.
         glued: Which boxes carry the same σ at a common face.
         count: How many closed configurations the q of a cell have; −1 where that is not proved. Of shape (cells,).
@@ -105,7 +105,7 @@ class SheetAtlas:
 
     names: tuple[str, ...]
     region: Region
-    problem: Problem
+    reading: Reading
     tree: CellTree
     boxes: Boxes
     members: Members
@@ -123,6 +123,11 @@ class SheetAtlas:
             f"SheetAtlas({', '.join(self.names)}: {len(self.sheets)} sheets in {len(self.boxes.kappa)} boxes, "
             f"{100 * self.counted_fraction:.4g} % of the region counted{done})"
         )
+
+    @property
+    def problem(self) -> Problem:
+        """The closures."""
+        return self.reading.problem
 
     @cached_property
     def sheet_of(self) -> Indices:
@@ -189,8 +194,8 @@ class SheetAtlas:
         return 1.0 - self.counted_fraction - self.singular_fraction
 
     def verify(self) -> Mask:
-        """Check Theorem K for every box again, from its data alone, of shape (B,)."""
-        return check(equations_of(self.problem), self.boxes).proved
+        """Check Theorem N for every box again, from its data alone, of shape (B,)."""
+        return check(closures_of(self.problem), self.boxes).proved
 
     @property
     def fingerprint(self) -> str:
@@ -199,7 +204,7 @@ class SheetAtlas:
 
     def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
         """Whether the closures are those that a mechanism's file gives today, bit for bit."""
-        return store.same_closures(self.problem, self.names, mechanism_of(mechanism))
+        return store.same_closures(self.reading, self.names, mechanism_of(mechanism))
 
     def save(self, path: str | Path) -> None:
         """Write the sheets to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
@@ -223,7 +228,7 @@ class SheetAtlas:
                 names=tuple(header["names"]),
                 count=arrays["count"].astype(np.int64),
                 complete=header["complete"],
-                problem=held.problem,
+                reading=held.reading,
                 region=held.region,
                 tree=held.tree,
                 boxes=held.solutions.claim.boxes,
@@ -245,7 +250,7 @@ class SheetAtlas:
             InvalidInputError: q is not certified.
         """
         theta, box = self._over(q)
-        return self.problem.system.chart.configuration(theta), self.sheet_of[box]
+        return self.reading.configuration(theta), self.sheet_of[box]
 
     def sigma(self, q: ArrayLike, near: ArrayLike) -> Array:
         """q′ over q (n,), of the closed configurations there the one nearest to a configuration, of shape (nq,).
@@ -256,7 +261,7 @@ class SheetAtlas:
         found = self.solutions(q)[0]
         if not len(found):
             raise InvalidInputError(f"nothing closes at q = {np.asarray(q).tolist()}: the region is empty there")
-        chart = self.problem.system.chart
+        chart = self.reading.chart
         wanted = chart.theta(numbers(near, "near"))
         gap = np.array([chart.theta(q_free) for q_free in found]) - wanted
         periodic = self.problem.system.periodic[: gap.shape[1]]
@@ -306,10 +311,10 @@ class SheetAtlas:
         if len(self.names) != 2:
             raise UnsupportedMechanismError(f"cusps are points for two coordinates; the atlas has {len(self.names)}")
         starts = self.left.centre[np.unique(self.left.cell, return_index=True)[1]]
-        problem = self.problem._replace(phasors=None)
-        found = [cusp for k in range(0, len(starts), _PART) for cusp in proved_cusps(problem, starts[k : k + _PART])]
+        reading = self.reading._replace(problem=self.problem._replace(phasors=None))
+        found = [cusp for k in range(0, len(starts), _PART) for cusp in proved_cusps(reading, starts[k : k + _PART])]
         inside = self._cells(np.array([cusp.q for cusp in found]).reshape(-1, 2)) >= 0
-        return distinct(problem, [cusp for cusp, within in zip(found, inside, strict=True) if within])
+        return distinct(reading, [cusp for cusp, within in zip(found, inside, strict=True) if within])
 
     def folds(self, most: int = 200) -> tuple[Fold, ...]:
         """Folds at which two sheets are proved to touch (Proposition T of `touching`), each pair of sheets in turn.
@@ -335,7 +340,7 @@ class SheetAtlas:
             if other is not None:
                 pair = sorted((int(self.sheet_of[box[k]]), int(self.sheet_of[beside[other]])))
                 q = fold[0][self.problem.system.independent]
-                found.append(Fold(q, self.problem.system.chart.configuration(fold[0]), fold[2], (pair[0], pair[1])))
+                found.append(Fold(q, self.reading.configuration(fold[0]), fold[2], (pair[0], pair[1])))
         return tuple(found)
 
     def _ends(self, most: int) -> tuple[Indices, Indices]:

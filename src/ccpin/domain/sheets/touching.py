@@ -19,11 +19,12 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, Indices
-from ccpin.domain.boxes import Boxes, Problem
 from ccpin.domain.folds import Folds, SingularPoints, singular_points
 from ccpin.domain.refutation import holds, lies_in, line_problem
 from ccpin.domain.walker import Walker
 from ccpin.errors import SingularConfigurationError
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes
 
 _REACH = 3.0  # cells: folds farther from where they were looked for are other ones
 _STRIDE = 0.02

@@ -52,14 +52,14 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from ccpin.arrays import Array, frozen
-from ccpin.domain.boxes import problem_of
-from ccpin.domain.chains import checked_configuration, closure_system
+from ccpin.domain.closures.seeds import checked_configuration
+from ccpin.domain.closures.system import reading_of
 from ccpin.domain.folds import Folds, singular_points
 from ccpin.domain.theorem2.form import FORMS, Form, QuadraticForm, quadratic_form
 from ccpin.domain.theorem2.system import QuadraticSystem
-from ccpin.domain.verdict import Verdict, Witness
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.verdict import Verdict, Witness
 
 Scaling = Literal["unit", "weighted"]
 
@@ -175,10 +175,10 @@ def theorem2(
 def _singular_at(mechanism: Mechanism, q_free: Array) -> Witness | None:
     """A configuration proved to be singular within 1e-6 of a closed one in every coordinate of the chart."""
     try:
-        system = closure_system(mechanism, q_free)
+        reading = reading_of(mechanism, q_free).bounded("reach")
     except UnsupportedMechanismError:
         return None
-    problem, theta = problem_of(system, "reach"), system.theta(q_free)
+    problem, theta = reading.problem, reading.theta(q_free)
     directions = Folds.near(problem, theta[None]).directions()[:, 0]
     found = singular_points(problem, np.tile(theta, (len(directions), 1)), directions)
     near = found.proved & (np.abs(found.theta - theta).max(axis=1) + found.error <= _NEAR)
@@ -186,9 +186,8 @@ def _singular_at(mechanism: Mechanism, q_free: Array) -> Witness | None:
         return None
     k = int(np.flatnonzero(near)[np.argmin(found.error[near])])
     singular = found.theta[k]
-    return Witness(
-        "singular", singular[system.independent].copy(), system.chart.configuration(singular), float(found.error[k])
-    )
+    q = singular[reading.system.independent].copy()
+    return Witness("singular", q, reading.configuration(singular), float(found.error[k]))
 
 
 def bounds_at(system: QuadraticSystem, centre: Array, weights: Array, relative_error: float) -> CentreBounds | None:

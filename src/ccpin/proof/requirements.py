@@ -1,4 +1,4 @@
-"""What is asked of a box of task space besides Theorem K: limits, motors that determine the motion, dexterity.
+"""What is asked of a box of task space besides Theorem N: limits, motors that determine the motion, dexterity.
 
 Theorem D and what it says of motors, dexterity and limits are in `ccpin/proof/theorems/demands.md`.
 """
@@ -9,9 +9,10 @@ from itertools import product
 
 import numpy as np
 
-from ccpin.arrays import Array, Mask, apply
-from ccpin.domain.bounds import Bounds
-from ccpin.domain.boxes import Boxes, Demands, Problem, bounds_of, closure_values, inverses, weights_for
+from ccpin.arrays import Array, Mask, apply, inverses
+from ccpin.proof.bounds import Bounds
+from ccpin.proof.equations import Problem, Requirements, closure_values
+from ccpin.proof.newton import Boxes, bounds_of, weights_for
 from ccpin.proof.rounding import SLACK
 
 _ROUNDING = 1e-12
@@ -19,7 +20,7 @@ _ROUNDING = 1e-12
 
 def meets(problem: Problem, boxes: Boxes) -> Mask:
     """Which of B proved boxes are proved to meet the problem's demands as well, of shape (B,)."""
-    within, demands = passable(problem, boxes), problem.demands
+    within, demands = passable(problem, boxes), problem.requirements
     rows = np.flatnonzero(within)
     if demands is not None and rows.size and demands.driven.size:
         within[rows] = dexterous(problem, demands, boxes.take(rows))
@@ -28,7 +29,7 @@ def meets(problem: Problem, boxes: Boxes) -> Mask:
 
 def passable(problem: Problem, boxes: Boxes) -> Mask:
     """Which of B proved boxes keep the limits and are nowhere singular for the motors, of shape (B,)."""
-    demands = problem.demands
+    demands = problem.requirements
     if demands is None or not len(boxes.kappa):
         return np.ones(len(boxes.kappa), dtype=np.bool_)
     low, high = reach(problem, boxes)
@@ -47,7 +48,7 @@ def reach(problem: Problem, boxes: Boxes) -> tuple[Array, Array]:
     return boxes.centre - spread, boxes.centre + spread
 
 
-def regular(problem: Problem, demands: Demands, boxes: Boxes) -> Mask:
+def regular(problem: Problem, demands: Requirements, boxes: Boxes) -> Mask:
     """Whether ψ_q′ is proved to be nonsingular on the boxes' tubes, of shape (B,)."""
     system = problem.system
     others = np.setdiff1d(np.arange(system.n_free), demands.driven)
@@ -60,14 +61,14 @@ def regular(problem: Problem, demands: Demands, boxes: Boxes) -> Mask:
     return np.asarray(kappa < 1.0)
 
 
-def dexterous(problem: Problem, demands: Demands, boxes: Boxes) -> Mask:
+def dexterous(problem: Problem, demands: Requirements, boxes: Boxes) -> Mask:
     """Whether 1/κ(J) is proved to be what is asked for, of shape (B,)."""
     if not demands.dexterity:
         return np.ones(len(boxes.kappa), dtype=np.bool_)
     return np.asarray(conditioning(problem, demands, boxes)[0] >= demands.dexterity)
 
 
-def conditioning(problem: Problem, demands: Demands, boxes: Boxes) -> tuple[Array, Array]:
+def conditioning(problem: Problem, demands: Requirements, boxes: Boxes) -> tuple[Array, Array]:
     """Bounds of 1/κ(J) over proved boxes, of shape (B,) each; −∞ and ∞ where none are proved."""
     with np.errstate(all="ignore"):
         slope = boxes.directions[:, demands.driven] / demands.units

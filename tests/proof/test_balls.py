@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from ccpin.domain.affine import Affine, affine, cross, inverse, joined, product, sine_versine, stacked, summed
+from ccpin.proof.balls import Affine, affine, cross, inverse, joined, product, sine_versine, stacked, summed
 
 PARAMETERS, BOXED = 5, 3
 

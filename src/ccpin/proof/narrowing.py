@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, apply, rows_of
-from ccpin.domain.boxes import Boxes, Problem, bounds_of, closure_values, inverses, weights_for
+from ccpin.arrays import Array, Indices, Mask, apply, inverses, rows_of
+from ccpin.proof.equations import Problem, closure_values
+from ccpin.proof.newton import Boxes, bounds_of, weights_for
 from ccpin.proof.rounding import SLACK, blur
 
 _SHARE = 1e-12  # of Y: more than the rounding of E as a difference

@@ -1,22 +1,11 @@
-"""Bounds of φ and its Jacobian over boxes: what Theorem K of `boxes` needs, from link lengths alone.
+"""Bounds of φ and its Jacobian over boxes: what Theorem N needs.
 
 Notation. A box is θ = θ_c + Dδ + Eζ, |δ| ≤ h, |ζ| ≤ R, with D (n′×p) and E (n′×m), zero in the independent rows;
 f = Ãφ. L = |D|h and W = L + |E|R bound the moves of the joints. Wanted, componentwise,
 
     Y ≥ |f(δ, 0)|,    Z(R) ≥ |I − f_ζ(δ, ζ)|,    Z̄(R) ≥ |I − ∫₀¹ f_ζ(δ, τζ) dτ|.
 
-**Reach bounds** (any tree). By Taylor's formula with the exact φ_θθ at the centre and the third derivatives
-bounded along the segment,
-
-    Y  = |Ãφ_c| + |ÃφD|h + ½ hᵀ|Dᵀ(Ãφ_θθ)D|h + ⅙ Σ_c g_c T_c(L, L, L),
-    Z  = |I − Ãφ_θE| + |N|(h, R) + ½ Σ_c g_c T_c(W, W, |E|),       N = Eᵀ(Ãφ_θθ)[D, E],
-    Z̄  = the same with (h, R/2) and T_c(L, L, ·) + T_c(L, r, ·) + T_c(r, r, ·)/3, r = |E|R,
-
-g_ic = ‖row i of ÃB_c‖₂, T_c(x, y, z) = Σ ρ_l x_i y_j z_k over the joints of chain c, l the deepest of i, j, k and
-the other two turning joints: |a_i × (a_j × b_l)| ≤ |b_l| ≤ ρ_l. For ρ_l take the smaller of the length of the
-chain from o_l to the tip with its slides over the box, and |b_l| at the centre + Σ_{k deeper} ρ_k W_k (the distance
-of the tip from axis l depends on deeper joints only, and at a rate of at most ρ_k). Slides have ρ = 1. Only products
-of the third-order terms with vectors are formed: Z̄R and Zw are what Theorem K asks for.
+**Taylor bounds** (any equations, `taylor`) take third derivatives from lengths for closures (`reach`).
 
 **Planar bounds** (φ a sum of phasors z_j e^{iu_j}, u_j = (CD)_j δ + (CE)_j ζ the deviation of link j's angle, so that
 joint motions that cancel in a link cancel in the bound). With α = Ãz, κ = Ã(iz) and U_j ≥ |u_j|,
@@ -31,7 +20,7 @@ inequality for the concave s and the integrals of the powers.
 
 Rounding: γ · magnitude bounds the error of every entry of φ, φ_θ, φ_θθ (`ClosureSystem.rounding`); Y and Z carry it
 through |Ã|, |D|, |E|. Errors of the bounds' own arithmetic, on nonnegative terms, are below 1e-12 relative and
-are covered by the factor 1 + 1e-10 with which `boxes` compares.
+are covered by the factor 1 + 1e-10 with which `newton` compares.
 """
 
 from __future__ import annotations

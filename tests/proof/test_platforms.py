@@ -6,10 +6,11 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.domain import CellStatus, certify
-from ccpin.domain.atlas.empty import drift
-from ccpin.domain.atlas.platform import platform_empty, platform_of
-from ccpin.domain.chain_stack import move, stack_chains
-from ccpin.domain.chains import Chain, closure_system
+from ccpin.domain.atlas.platform import platform_empty
+from ccpin.domain.closures.system import reading_of
+from ccpin.proof.chains import Chain, stack_chains
+from ccpin.proof.emptiness import drift, platform_of
+from ccpin.proof.tips import move
 from tests.oracles import delta as spheres
 from tests.oracles import planar_3rrr as three_legs
 
@@ -19,7 +20,7 @@ SIZES = [8_000, pytest.param(100_000, marks=pytest.mark.slow)]
 def system_of(name):
     """A model's closures."""
     mechanism = ccpin.load(name)
-    return closure_system(mechanism, mechanism.q_reference)
+    return reading_of(mechanism, mechanism.q_reference).system
 
 
 @pytest.mark.parametrize("points", SIZES)

@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.domain.bounds import Image
-from ccpin.domain.boxes import Boxes, Problem
-from ccpin.domain.sheets import narrowing
-from ccpin.domain.sheets.narrowing import Candidates, alone_in
+from ccpin.proof import narrowing
+from ccpin.proof.bounds import Image
+from ccpin.proof.equations import Problem
+from ccpin.proof.narrowing import Candidates, alone_in
+from ccpin.proof.newton import Boxes
 
 
 class Growing:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccpin.domain.boxes import Demands, certify_boxes, closure_values, problem_of
-from ccpin.domain.chains import seed_at_configuration
-from ccpin.domain.demands import _first, conditioning
-from ccpin.domain.newton import predict
+from ccpin.domain.boxes import certify_boxes
+from ccpin.domain.closures.seeds import seed_at_configuration
+from ccpin.proof.equations import Requirements, closure_values
+from ccpin.proof.newton import predict
+from ccpin.proof.requirements import _first, conditioning
 from tests.support.carriages import joint, linkage, pin
 
 A, B, C, D, E, BASE = 0.5, 0.4, 0.02, 0.45, 0.45, 0.3
@@ -58,7 +59,7 @@ def start(arms):
     configuration = np.empty(5)
     configuration[order] = near
     seed = seed_at_configuration(arms, configuration)
-    return order, problem_of(seed.system, "reach"), near, seed.theta
+    return order, seed.reading.bounded("reach").problem, near, seed.theta
 
 
 @pytest.mark.parametrize("half", [0.002, 0.02, 0.04])
@@ -84,7 +85,7 @@ def test_dexterity_with_more_independent_than_dependent_coordinates(start, half,
     """0.0787 was claimed where 0.0663 is true."""
     order, problem, near, theta = start
     unlimited = np.full(5, np.inf)
-    demands = Demands(-unlimited, unlimited, np.array([order[k] for k in driven]), UNITS, 0.0)
+    demands = Requirements(-unlimited, unlimited, np.array([order[k] for k in driven]), UNITS, 0.0)
     tried = certify_boxes(problem, theta[None], np.full((1, 3), half), np.eye(3))
     assert tried.proved.all()
     low, high = conditioning(problem, demands, tried.boxes)

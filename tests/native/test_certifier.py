@@ -10,12 +10,13 @@ from scipy.linalg import qr
 import ccpin
 from ccpin.domain import certify
 from ccpin.domain.atlas.cells import CellTree, Region, contacts_of
-from ccpin.domain.boxes import Boxes, bounds_of, certify_boxes, certify_points, closure_values, problem_of, verify
-from ccpin.domain.chain_stack import Derivatives, derivatives
-from ccpin.domain.chains import closure_system
-from ccpin.domain.in_core import certifier, numbers_of
+from ccpin.domain.boxes import certify_boxes, certify_points
+from ccpin.domain.closures.system import reading_of
 from ccpin.domain.newton import glued, newton
 from ccpin.native import backend
+from ccpin.native.certifier import certifier, numbers_of
+from ccpin.proof.equations import Derivatives, closure_values, closures_of, derivatives, problem_of
+from ccpin.proof.newton import Boxes, bounds_of, check
 from tests.support.closures import ARMS, KINDS, PLANAR, SPATIAL, closed_problem, two_arms
 
 if backend().name != "native":
@@ -82,7 +83,7 @@ def test_bounds_are_the_reference_s(name, bounds):
 def test_bounds_are_the_reference_s_for_every_kind_of_closure(arms, kind):
     """The same with directions, offsets, couplings, slides after turns and many-axis joints, at open points."""
     mechanism = two_arms(arms, kind)
-    system = closure_system(mechanism, mechanism.q_reference)
+    system = reading_of(mechanism, mechanism.q_reference).system
     theta = np.random.default_rng(8).uniform(-0.8, 0.8, mechanism.n_free)
     order = qr(certifier(system, None).values(theta[None])[1][0], pivoting=True)[2]
     system = replace(system, dependent=np.sort(order[: system.m]), independent=np.sort(order[system.m :]))
@@ -97,7 +98,7 @@ def test_boxes_are_the_reference_s(monkeypatch, name, bounds):
     found, expected = certify_boxes(problem, *cells), by_numpy(monkeypatch, certify_boxes, problem, *cells)
     assert np.array_equal(found.proved, expected.proved)
     assert np.count_nonzero(found.proved) > 20
-    assert np.all(verify(problem, found.boxes.take(found.proved)))
+    assert np.all(check(closures_of(problem), found.boxes.take(found.proved)).proved)
     for field in ("directions", "radius", "weight", "kappa"):
         mine, theirs = getattr(found.boxes, field), getattr(expected.boxes, field)
         assert close(mine[found.proved], theirs[found.proved])
@@ -173,7 +174,7 @@ def test_threads_share_a_certifier(rpdr):
 
 def test_what_the_core_cannot_answer_for_is_left_to_numpy(rpdr):
     """Axes that are not unit vectors to rounding are outside of the margins' proof; wrong shapes are refused."""
-    system = closure_system(rpdr, rpdr.q_reference)
+    system = reading_of(rpdr, rpdr.q_reference).system
     first = system.chains[0]
     loose = replace(system, chains=(first._replace(axes=first.axes * (1.0 + 1e-12)), *system.chains[1:]))
     assert certifier(system, None) is not None
@@ -311,7 +312,7 @@ def test_margins_hold_in_ball_arithmetic(precise, name, bounds):
 def test_values_are_within_their_margin(precise, arms, kind):
     """φ and φ_θ of every kind of chain are within γ · magnitude of the exact ones, at hundreds of radians too."""
     mechanism = two_arms(arms, kind)
-    system = closure_system(mechanism, mechanism.q_reference)
+    system = reading_of(mechanism, mechanism.q_reference).system
     core, rng = certifier(system, None), np.random.default_rng(6)
     theta = np.concatenate([rng.uniform(-3, 3, (2, mechanism.n_free)), rng.uniform(-500, 500, (1, mechanism.n_free))])
     margin = system.rounding * system.magnitude(theta)
@@ -327,11 +328,11 @@ def test_values_are_within_their_margin(precise, arms, kind):
 def test_second_derivatives_are_within_their_margin(precise, arms, kind):
     """φ_θθ is within γ · magnitude of the exact difference quotient of φ_θ (steps of 2⁻⁶⁰); the rest is NumPy's."""
     mechanism = two_arms(arms, kind)
-    system = closure_system(mechanism, mechanism.q_reference)
+    system = reading_of(mechanism, mechanism.q_reference).system
     problem, rng = problem_of(system, "reach"), np.random.default_rng(7)
     theta = rng.uniform(-3, 3, (2, mechanism.n_free))
     found = Derivatives(*certifier(system, None).derivatives(theta))
-    for computed, reference in zip(found, derivatives(system, problem.stack, theta), strict=True):
+    for computed, reference in zip(found, derivatives(problem, theta), strict=True):
         np.testing.assert_allclose(computed, reference, atol=1e-12)
     margin, step = system.rounding * system.magnitude(theta), arb(2) ** -60
     for k, hessian in enumerate(found.hessian):

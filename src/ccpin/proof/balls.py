@@ -20,8 +20,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ccpin.arrays import Array, Mask
-from ccpin.domain.boxes import inverses, solve_many
+from ccpin.arrays import Array, Mask, inverses, solve_many
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 
 _GROWN = 1.0 + 1e-13
@@ -186,7 +185,7 @@ def sine_versine(angle: Affine) -> tuple[Affine, Affine]:
     return bent_sine, Affine(versine, sine * angle.lin, across * _GROWN, angle.boxed)
 
 
-class Inverse(NamedTuple):
+class FormInverse(NamedTuple):
     """What solves M x = r for all M of a form (B, m, m), by an approximate inverse X of its middle.
 
     With |I − XM| ≤ E entrywise and a vector w > 0 with Ew < w every M is nonsingular, and for any approximate
@@ -214,7 +213,7 @@ class Inverse(NamedTuple):
         return Affine(mid, lin, np.where(held[:, None, None], bound, np.nan), near.boxed)
 
 
-def inverse(matrix: Affine) -> Inverse:
+def inverse(matrix: Affine) -> FormInverse:
     """Prepare to solve systems with all matrices of a form (B, m, m)."""
     approximate, identity = inverses(matrix.mid), np.eye(matrix.mid.shape[1])
     defect = (product("bij,bjk->bik", approximate, matrix) - identity).magnitude
@@ -222,4 +221,4 @@ def inverse(matrix: Affine) -> Inverse:
     with np.errstate(invalid="ignore"):
         shrunk = np.einsum("bij,bj->bi", defect, weight) * SLACK
         regular = np.all((weight > 0.0) & (shrunk < weight), axis=1)
-    return Inverse(matrix, approximate, defect, np.asarray(regular & np.isfinite(defect).all(axis=(1, 2))))
+    return FormInverse(matrix, approximate, defect, np.asarray(regular & np.isfinite(defect).all(axis=(1, 2))))

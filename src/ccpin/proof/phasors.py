@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, apply, cross, rows_of
-from ccpin.domain.bounds import Frame, Image, LinearPart, Rows, linear_part
-from ccpin.domain.chains import Chain, ClosureSystem
+from ccpin.proof.bounds import Frame, Image, LinearPart, Rows, linear_part
+from ccpin.proof.chains import Chain, ClosureSystem
 from ccpin.proof.rounding import UNIT_ROUNDOFF
 
 _PARALLEL = 64.0 * UNIT_ROUNDOFF

@@ -1,8 +1,8 @@
-"""Certificates in the compiled core: Theorem K, Newton and gluing box by box, with the margins that NumPy's have.
+"""Certificates in the compiled core: Theorem N, Newton and gluing box by box, with the margins that NumPy's have.
 
-The core finds what `boxes` and `newton` find, by the same steps, and checks the same inequalities; that the margins
+The core finds what the searches in Python find, by the same steps, and checks the same inequalities; that the margins
 hold for its own order of operations is proved in ``native/closures.hpp``. Which boxes are proved is the same but where
-rounding decides, and every box passes `ccpin.domain.boxes.verify`.
+rounding decides, and every box passes `ccpin.proof.newton.verify`.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ccpin.domain.bounds_planar import Phasors
-from ccpin.domain.chains import Chain, ClosureSystem
 from ccpin.native import backend
+from ccpin.proof.chains import Chain, ClosureSystem
+from ccpin.proof.phasors import Phasors
 
 if TYPE_CHECKING:
     from ccpin.native._core import Certifier

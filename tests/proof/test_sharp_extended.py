@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ccpin.domain import extended as module
-from ccpin.domain.extended import proved_within
+from ccpin.proof import newton as module
+from ccpin.proof.newton import proved_within
 
 U = 2.0**-53
 

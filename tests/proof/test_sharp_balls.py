@@ -5,8 +5,8 @@ from itertools import product as pairs_of
 import numpy as np
 import pytest
 
-from ccpin.domain import affine as module
-from ccpin.domain.affine import Affine, affine, inverse, joined, product, sine_versine, stacked, summed
+from ccpin.proof import balls as module
+from ccpin.proof.balls import Affine, affine, inverse, joined, product, sine_versine, stacked, summed
 
 U = 2.0**-53
 

@@ -1,25 +1,77 @@
-"""The equations of closed loops, φ(θ) = 0, as the kernel sees them: values, two derivatives, bounds over boxes."""
+"""The equations φ(θ) = 0 of closures, as the kernel sees them: values, two derivatives, bounds over boxes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices
-from ccpin.domain.bounds import Bounds, Frame
-from ccpin.domain.bounds_planar import Phasors, phasor_values, phasors_of, planar_bounds
-from ccpin.domain.chain_stack import ChainStack, stack_chains
-from ccpin.domain.chains import Chain, ClosureSystem
+from ccpin.arrays import Array, Indices, choice
+from ccpin.errors import UnsupportedMechanismError
+from ccpin.proof.bounds import Bounds, Frame
+from ccpin.proof.chains import Chain, ChainStack, ClosureSystem, gather, stack_chains
 from ccpin.proof.digests import digest
 from ccpin.proof.facts import known, require, sealed
-from ccpin.proof.reach import Lengths, ReachDrift
+from ccpin.proof.phasors import Phasors, phasor_values, phasors_of, planar_bounds
+from ccpin.proof.reach import Lengths, ReachDrift, chain_reach
 from ccpin.proof.taylor import Pattern, Point, taylor_bounds
-from ccpin.proof.tips import Rows, Turns, by_joint, crossed, move, positions, turns_of
+from ccpin.proof.tips import Rows, Turns, by_joint, crossed, positions, sweep, turns_of
+
+BoundsName = Literal["auto", "reach", "planar"]
+
+
+class Requirements(NamedTuple):
+    """What boxes are to meet besides Theorem N (`ccpin.proof.requirements`).
+
+    Attributes:
+        lower, upper: Limits of θ, of shape (n′,) each, ±∞ where there is none.
+        driven: Indices in θ of the coordinates that motors drive; none: they are not looked at.
+        units: What a unit of each parameter counts as where dexterity is measured: 1, or a length for turns, (n,).
+        dexterity: The least 1/κ; 0: that the motors determine the motion is all that is asked.
+    """
+
+    lower: Array
+    upper: Array
+    driven: Indices
+    units: Array
+    dexterity: float
+
+
+class Problem(NamedTuple):
+    """What is to be proved, picklable.
+
+    Attributes:
+        system: The closures.
+        stack: Their chains side by side.
+        phasors: Their phasor form, where planar bounds are used.
+        requirements: What is asked besides, if anything.
+    """
+
+    system: ClosureSystem
+    stack: ChainStack
+    phasors: Phasors | None
+    requirements: Requirements | None = None
+
+
+def problem_of(system: ClosureSystem, bounds: BoundsName = "auto") -> Problem:
+    """Choose the bounds: planar where every chain is planar (``"auto"``), or as told.
+
+    Raises:
+        UnsupportedMechanismError: Planar bounds were asked for and the mechanism is not planar.
+    """
+    choice(bounds, "bounds", ("auto", "reach", "planar"))
+    phasors = None if bounds == "reach" else phasors_of(system)
+    if bounds == "planar" and phasors is None:
+        raise UnsupportedMechanismError(
+            "planar bounds need closures whose turning axes are parallel, with slides before the turns; "
+            'use bounds="reach"'
+        )
+    return Problem(system, stack_chains(system.chains, system.n_free, system.m), phasors)
+
 
 _ORTHONORMAL = 1e-12
 """How far placements and axes may be from orthonormal: a chain of a hundred such joints stays within the slack."""
@@ -89,17 +141,28 @@ class Closures:
             return phasor_values(self.phasors, theta).phi
         return self._phi(theta, positions(self.turns, theta))
 
+    def first(self, theta: Array) -> tuple[Array, Array]:
+        """φ and φ_θ at θ (B, N), of shapes (B, m) and (B, m, N)."""
+        if self.phasors is not None:
+            found = phasor_values(self.phasors, theta)
+            return found.phi, found.jacobian
+        motion = sweep(self.turns, theta)
+        return self._phi(theta, motion.x), self._slope(motion.b)
+
     def at(self, theta: Array) -> tuple[Point, Array]:
         """φ and its derivatives at θ (B, N), and |∂x/∂θ| of the chains, of shape (k, C, B)."""
-        motion, sums, (count, size) = move(self.turns, theta), self._sums, theta.shape
-        joints = self.turns.joints.size
-        a, b = motion.a.reshape(3, joints, count), motion.b.reshape(3, joints, count)
-        slope = np.zeros((count, self.system.m * size))
-        slope[:, sums.first.places] = sums.first.sums(b).T
-        slope = slope.reshape(count, self.system.m, size) + self.system.couplings
+        motion, sums, shape = sweep(self.turns, theta), self._sums, (3, self.turns.joints.size, len(theta))
+        a, b = motion.a.reshape(shape), motion.b.reshape(shape)
         second = sums.second.sums(crossed(a[:, sums.upper], b[:, sums.deeper]))
-        point = Point(self._phi(theta, motion.x), slope, second, sums.pattern, self.rounding(theta))
+        point = Point(self._phi(theta, motion.x), self._slope(motion.b), second, sums.pattern, self.rounding(theta))
         return point, np.sqrt(np.sum(motion.b**2, axis=0))
+
+    def _slope(self, arms: Array) -> Array:
+        """φ_θ from ∂x/∂θ (3, k, C, B)."""
+        (m, size), count = self.system.couplings.shape, arms.shape[-1]
+        slope = np.zeros((count, m * size))
+        slope[:, self._sums.first.places] = self._sums.first.sums(arms.reshape(3, self.turns.joints.size, count)).T
+        return np.asarray(slope.reshape(count, m, size) + self.system.couplings)
 
     def _phi(self, theta: Array, tips: Array) -> Array:
         s = self.system
@@ -110,7 +173,7 @@ class Closures:
         return np.asarray(phi + tips.reshape(len(weights), len(theta)).T @ weights)
 
     def bounds(self, centre: Array, frame: Frame, reach: bool = False) -> Bounds:
-        """Y, Z and Z̄ of boxes about θ_c (B, N): those of phasors where there are any, unless reach bounds are asked for."""
+        """Y, Z and Z̄ of boxes about θ_c (B, N): of phasors where there are any, unless reach bounds are asked for."""
         if self.phasors is not None and not reach:
             return planar_bounds(self.phasors, phasor_values(self.phasors, centre), frame)
         point, arms = self.at(centre)
@@ -145,13 +208,14 @@ def _sums_of(system: ClosureSystem, depth: int) -> _Sums:
                 pair = unknowns.setdefault((min(one, joints[j]), max(one, joints[j])), len(unknowns))
                 second += [(pair * system.m + row, len(pairs), chain.weights[row]) for row in rows]
                 pairs.append((at[i], at[j]))
-    entries = Rows(second)
-    pattern = Pattern(entries.places % system.m, entries.places // system.m, *_columns(list(unknowns)), system.n_free)
-    return _Sums(Rows(first), entries, *_columns(pairs), pattern)
+    entries, (one, other), (upper, deeper) = Rows(second), _columns(list(unknowns)), _columns(pairs)
+    pattern = Pattern(entries.places % system.m, entries.places // system.m, one, other, system.n_free)
+    return _Sums(Rows(first), entries, upper, deeper, pattern)
 
 
-def _columns(pairs: list[tuple[int, int]]) -> Indices:
-    return np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+def _columns(pairs: list[tuple[int, int]]) -> tuple[Indices, Indices]:
+    table = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    return table[:, 0], table[:, 1]
 
 
 def _copied(system: ClosureSystem) -> ClosureSystem:
@@ -183,13 +247,48 @@ def _require_sound(system: ClosureSystem) -> None:
 _MADE: WeakKeyDictionary[ClosureSystem, dict[bool, Closures]] = WeakKeyDictionary()
 
 
-def closures_of(system: ClosureSystem, planar: bool) -> Closures:
-    """The equations of a system, made once.
+def closures_of(problem: Problem) -> Closures:
+    """A problem's closures, made once.
 
     Raises:
         NotProvedError: Its numbers are not those of closures.
     """
-    made = _MADE.setdefault(system, {})
+    made, planar = _MADE.setdefault(problem.system, {}), problem.phasors is not None
     if planar not in made:
-        made[planar] = Closures(system, planar)
+        made[planar] = Closures(problem.system, planar)
     return made[planar]
+
+
+def closure_values(problem: Problem, theta: Array) -> tuple[Array, Array]:
+    """φ (B, m) and φ_θ (B, m, n′) at θ (B, n′)."""
+    return closures_of(problem).first(theta)
+
+
+class Derivatives(NamedTuple):
+    """φ (B, m), φ_θ (B, m, n′), φ_θθ (B, m, n′, n′) and |∂x_c/∂θ_j| of the chains (B, C, k)."""
+
+    phi: Array
+    jacobian: Array
+    hessian: Array
+    arms: Array
+
+
+def derivatives(problem: Problem, theta: Array) -> Derivatives:
+    """φ, φ_θ and φ_θθ at θ (B, n′), by the chains."""
+    point, arms = closures_of(problem).at(theta)
+    pattern, entries = point.pattern, point.pattern.dense(point.second, problem.system.m)
+    hessian = np.zeros((*point.slope.shape, theta.shape[1]))
+    hessian[:, :, pattern.first, pattern.other] = hessian[:, :, pattern.other, pattern.first] = entries
+    return Derivatives(point.value, point.slope, hessian, np.ascontiguousarray(np.transpose(arms, (2, 1, 0))))
+
+
+def third_bound(problem: Problem, theta: Array, arms: Array, box: Array) -> Array:
+    """τ ≥ every third and fourth derivative of φ_i over |θ − θ₀| ≤ box (B, n′), of shape (B, m).
+
+    τ_i = Σ_c ‖(B_c)_i‖ max_j ρ_cj with ρ of `chain_reach`, `arms` (B, C, k) being |∂x_c/∂θ_j| at θ₀ (B, n′).
+    """
+    system, stack = problem.system, problem.stack
+    margin = system.rounding * system.magnitude(np.abs(theta) + box)
+    reach = chain_reach(stack, arms, gather(stack, np.abs(theta)), gather(stack, box), margin)
+    gains = np.swapaxes(np.linalg.norm(stack.weights, axis=2), 0, 1)
+    return np.asarray(reach.max(axis=2, initial=0.0) @ gains.T)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ccpin.domain.bounds import Frame
-from ccpin.domain.bounds_planar import Phasors, PhasorValues, _one_signed, _versine, planar_bounds
+from ccpin.proof.bounds import Frame
+from ccpin.proof.phasors import Phasors, PhasorValues, _one_signed, _versine, planar_bounds
 
 N, M, P, K = 4, 2, 2, 3
 

@@ -1,156 +1,71 @@
-"""Closures as plain arrays: φ(θ) = Σ_c B_c x_c(θ) + G θ + d, ready to be evaluated over many boxes at once.
+"""A mechanism's closures read as equations φ(θ) = Σ_c B_c x_c(θ) + G θ + d in scalar coordinates.
 
-x_c is the tip of a serial chain: a point, or a fixed direction. Every closure row of ccpin is linear in such tips:
+x_c is the tip of a serial chain: a point, or a fixed direction (`ccpin.proof.chains`). Every closure row of ccpin is
+linear in such tips:
 
 - a product w e·(p_B − p_A) with e fixed in the ancestor C is two chains rooted at C, with weights w e and −w e;
 - a product of a vector a fixed in frame A with one of frame B or with the gap is one chain rooted at frame A, which
   runs up to C through the joints of A reversed and down to frame B, with weight w a; likewise with A and B changed;
 - a distance is kept by a rod (`rods`), whose angles are dependent coordinates behind the mechanism's own.
-
-The derivatives of a tip follow from its joints in the order root to tip, with axes a, origins o and
-b = a × (x − o) for a revolute joint of a point chain, a × x of a direction chain, a for a prismatic joint of a
-point chain, 0 of a direction chain: for joints j₁ ≤ … ≤ j_k along the chain
-
-    ∂ᵏx/∂θ_{j₁}…∂θ_{j_k} = a_{j₁} × (… × (a_{j_{k−1}} × b_{j_k})),
-
-zero if any but the deepest, j_k, is prismatic (moving along a fixed axis turns nothing), or if a prismatic j_k
-is repeated.
-
-Nothing here refers to Pinocchio: a `ClosureSystem` is picklable and is what worker processes receive.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, Indices, Mask, numbers
+from ccpin.arrays import Array
 from ccpin.description.closure_kinds import Fixed, Gap, Vector, plane_axes
-from ccpin.domain.chart import Chart, Elementary, chart_at, elementary_joints, independent_indices
-from ccpin.domain.rods import Rod, rod_length, rod_of
-from ccpin.domain.task_space import TaskSpace
-from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.domain.closures.rods import Rod, rod_length, rod_of
+from ccpin.domain.closures.scalar_coordinates import Chart, Elementary, chart_at, elementary_joints, independent_indices
+from ccpin.domain.closures.task_space import TaskSpace
+from ccpin.errors import UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.loops import ResolvedClosure
-from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.proof.rounding import UNIT_ROUNDOFF
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.chains import Chain, ClosureSystem
+from ccpin.proof.equations import BoundsName, Problem, problem_of
 
 
-class Chain(NamedTuple):
-    """One chain of k joints, root to tip.
-
-    Attributes:
-        joints: Indices in θ, of shape (k,), each once.
-        rotations, translations: Frame of a joint before it moves, in the frame of the one above after it has
-            moved (the root's for the first), of shapes (k, 3, 3) and (k, 3).
-        axes: Unit axes in the joint's own frame, of shape (k, 3).
-        prismatic: Whether a joint slides, of shape (k,).
-        tip: The tip in the last joint's frame (m, or unit direction), of shape (3,).
-        direction: Whether the tip is a direction.
-        weights: B_c, of shape (m, 3), in root axes.
-    """
-
-    joints: Indices
-    rotations: Array
-    translations: Array
-    axes: Array
-    prismatic: Mask
-    tip: Array
-    direction: bool
-    weights: Array
-
-
-@dataclass(frozen=True, eq=False)
-class ClosureSystem:
-    """The closures of a mechanism in scalar coordinates θ (n′,), of which n are independent and m = n′ − n depend.
+class Reading(NamedTuple):
+    """A mechanism's closures, and how θ and its configurations q′ correspond.
 
     Attributes:
-        chains: The chains c.
-        couplings: G, of shape (m, n′): linear couplings.
-        offset: d, of shape (m,).
-        moduli: Of shape (m,): a coupling of continuous joints holds modulo this angle (0: exactly).
-        independent, dependent: Indices in θ, of shapes (n,) and (m,).
-        periodic: Whether θ + 2π e_j means the same configuration and the same closures, of shape (n′,).
-        chart: How θ and q′ correspond.
+        problem: The closures with their bounds.
+        chart: The scalar coordinates of q′.
         rods: The rods that keep distances; their angles come last in θ.
     """
 
-    chains: tuple[Chain, ...]
-    couplings: Array
-    offset: Array
-    moduli: Array
-    independent: Indices
-    dependent: Indices
-    periodic: Mask
+    problem: Problem
     chart: Chart
     rods: tuple[Rod, ...]
 
     @property
-    def n(self) -> int:
-        """Number of independent coordinates."""
-        return len(self.independent)
+    def system(self) -> ClosureSystem:
+        """The closures."""
+        return self.problem.system
 
-    @property
-    def m(self) -> int:
-        """Number of dependent coordinates and of closure rows."""
-        return len(self.dependent)
+    def bounded(self, bounds: BoundsName) -> Reading:
+        """The same closures with other bounds.
 
-    @property
-    def n_free(self) -> int:
-        """The size of θ: n′, and the angles of rods."""
-        return int(self.couplings.shape[1])
+        Raises:
+            UnsupportedMechanismError: Planar bounds were asked for and the mechanism is not planar.
+        """
+        return self._replace(problem=problem_of(self.system, bounds))
 
     def theta(self, q_free: Array) -> Array:
         """θ of a configuration (nq,): the chart's, and where the rods point."""
         theta = self.chart.theta(q_free)
         return np.concatenate([theta, *(rod.angles(theta) for rod in self.rods)])
 
-    @cached_property
-    def scale(self) -> float:
-        """An upper bound of every length that enters φ apart from slides, for rounding margins, at least 1 (m).
-
-        It is the sum of all link lengths, directions and offsets with their weights.
-        """
-        scale = 1.0 + float(np.abs(self.offset).sum() + np.abs(self.couplings).sum())
-        for chain in self.chains:
-            length = np.linalg.norm(chain.translations, axis=1).sum() + np.linalg.norm(chain.tip)
-            scale += float(length) * _largest_row(chain)
-        return scale
-
-    @property
-    def depth(self) -> int:
-        """The largest number of joints in a chain."""
-        return max((len(chain.joints) for chain in self.chains), default=0)
-
-    @property
-    def rounding(self) -> float:
-        """γ: |computed − exact| ≤ γ · `magnitude` for every entry of φ, its Jacobian and its second derivative.
-
-        Each joint costs a 3×3 product, one sine and one cosine: fewer than 40 roundings of quantities at most 1
-        or the reach; 64u a joint (and as much again for placements that are orthogonal to rounding only) is ample.
-        Products of the bounds with n′×n′ matrices add 4u a column.
-        """
-        return (128.0 * (self.depth + 2) + 4.0 * self.n_free) * UNIT_ROUNDOFF
-
-    def magnitude(self, theta: Array) -> Array:
-        """An upper bound of every length in φ at θ (B, n′): `scale` and the slides, of shape (B,).
-
-        Beyond 4 rad it grows with the angles: planar bounds add them up, with the roundings of so large numbers.
-        """
-        total = np.full(len(theta), self.scale)
-        for chain in self.chains:
-            if np.any(chain.prismatic):
-                slides = np.abs(theta[:, chain.joints[chain.prismatic]]).sum(axis=1)
-                total += slides * _largest_row(chain)
-        return np.asarray(total * np.maximum(1.0, 0.25 * np.abs(theta).max(axis=1)))
+    def configuration(self, theta: Array) -> Array:
+        """q′ of θ, over any leading axes: shape (…, n′) → (…, nq)."""
+        return self.chart.configuration(theta)
 
 
-def closure_system(mechanism: Mechanism, q_free: Array, task: TaskSpace | None = None) -> ClosureSystem:
+def reading_of(mechanism: Mechanism, q_free: Array, task: TaskSpace | None = None) -> Reading:
     """The closures of a mechanism, in a chart centred at a configuration of shape (nq,).
 
     With a task space its coordinates, last in θ, are the independent ones and all of the mechanism's depend on them.
@@ -181,7 +96,7 @@ def closure_system(mechanism: Mechanism, q_free: Array, task: TaskSpace | None =
     for k, loop in enumerate(loops):
         row = builder.add_rod(loop, rods[k], row) if k in rods else builder.add_loop(loop, row)
     builder.add_couplings(constraints, row)
-    return ClosureSystem(
+    system = ClosureSystem(
         chains=tuple(builder.chains),
         couplings=builder.couplings,
         offset=builder.offset,
@@ -189,9 +104,8 @@ def closure_system(mechanism: Mechanism, q_free: Array, task: TaskSpace | None =
         independent=independent,
         dependent=np.setdiff1d(np.arange(len(slides)), independent),
         periodic=~np.array(slides, dtype=np.bool_) & ~np.any(builder.couplings != 0.0, axis=0),
-        chart=chart,
-        rods=tuple(rods.values()),
     )
+    return Reading(problem_of(system), chart, tuple(rods.values()))
 
 
 def _refuse_redundant(mechanism: Mechanism, constraints: Constraints) -> None:
@@ -204,11 +118,6 @@ def _refuse_redundant(mechanism: Mechanism, constraints: Constraints) -> None:
             "closure by one with fewer rows (a spherical instead of a revolute one, say) if that describes the "
             "mechanism as well"
         )
-
-
-def _largest_row(chain: Chain) -> float:
-    """The length of the largest row of B_c, at least 1."""
-    return float(np.linalg.norm(chain.weights, axis=1).max(initial=1.0))
 
 
 class _ChainCollector:
@@ -323,82 +232,3 @@ def _reversed(frame: Array, path: list[Elementary]) -> list[Elementary | Array]:
 
 
 # From a mechanism and a configuration to the scalar coordinates that certificates are about.
-
-
-class Seed(NamedTuple):
-    """A closed configuration θ (n′,) in a chart centred at it, and the closures in that chart."""
-
-    system: ClosureSystem
-    theta: Array
-
-
-def checked_configuration(mechanism: Mechanism, q_free: ArrayLike) -> Array:
-    """A copy of q′ as a vector of shape (nq,).
-
-    Raises:
-        InvalidInputError: It is not that many finite numbers.
-    """
-    vector = numbers(q_free, "q_free").copy()
-    if vector.shape != (mechanism.nq,) or not np.all(np.isfinite(vector)):
-        raise InvalidInputError(
-            f"q_free must be {mechanism.nq} finite numbers, a configuration of {mechanism.name}; "
-            f"it has shape {vector.shape}"
-        )
-    return vector
-
-
-def seed_at_configuration(mechanism: Mechanism | HasMechanism, q_free: Array) -> Seed:
-    """Close a configuration of shape (nq,) at its own independent coordinates, and centre the chart there.
-
-    Raises:
-        InvalidInputError: Its shape is wrong, or it cannot be closed.
-        SingularConfigurationError: It is singular.
-        UnsupportedMechanismError: The closures are of a kind that cannot be certified.
-    """
-    mechanism = mechanism_of(mechanism)
-    q_free = checked_configuration(mechanism, q_free)
-    parametrization = mechanism.parametrization()
-    closed = parametrization.sigma(parametrization.coordinates.alpha(q_free), guess=q_free).q_free
-    system = closure_system(mechanism, closed)
-    return Seed(system, system.theta(closed))
-
-
-def scalar_coordinates_at(mechanism: Mechanism | HasMechanism, q_free: Array) -> Array:
-    """q in the scalar coordinates of certificates, of shape (n,): a continuous joint's is its angle.
-
-    Raises:
-        InvalidInputError, SingularConfigurationError, UnsupportedMechanismError: As for `seed_at_configuration`.
-    """
-    seed = seed_at_configuration(mechanism, q_free)
-    return np.array(seed.theta[seed.system.independent])
-
-
-def seed_at_coordinates(mechanism: Mechanism, q0: ArrayLike, guess: ArrayLike | None = None) -> Seed:
-    """σ(q₀) on the branch of `guess` (default the reference), q₀ (n,) in scalar coordinates.
-
-    A continuous joint's coordinate is its angle here, a planar joint's are x, y and the angle.
-
-    Raises:
-        InvalidInputError: q₀ has the wrong shape.
-        UnreachableError, SingularConfigurationError: σ(q₀) does not exist on that branch, or is singular.
-        UnsupportedMechanismError: The closures are of a kind that cannot be certified.
-    """
-    if not mechanism.n:
-        raise UnsupportedMechanismError(f"{mechanism.name} has mobility 0: there are no coordinates to certify")
-    start = mechanism.q_reference if guess is None else checked_configuration(mechanism, guess)
-    system = closure_system(mechanism, start)
-    q0 = numbers(q0, "q")
-    if q0.shape != (system.n,) or not np.all(np.isfinite(q0)):
-        names = ", ".join(mechanism.independent)
-        raise InvalidInputError(
-            f"q must be {system.n} finite numbers, the scalar coordinates of {names}; it has shape {q0.shape}"
-        )
-    theta = system.chart.theta(start)
-    theta[system.independent] = q0
-    parametrization = mechanism.parametrization()
-    q = parametrization.coordinates.alpha(system.chart.configuration(theta))
-    closed = parametrization.sigma(q, guess=start).q_free
-    system = closure_system(mechanism, closed)
-    theta = system.theta(closed)
-    theta[system.independent] = q0
-    return Seed(system, theta)
