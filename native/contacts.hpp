@@ -1,4 +1,4 @@
-// The faces that cells of an atlas share with leaves (`contacts_of` of `domain/atlas/cells.py`), all in whole numbers.
+// The faces that cells of an atlas share with leaves (`contacts_of` of `covering/faces.py`), all in whole numbers.
 #pragma once
 #include "arrays.hpp"
 

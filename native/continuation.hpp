@@ -1,5 +1,5 @@
 // Whether a configuration a is proved to be joined to a closed one b by the lift of a straight line: the theorem of
-// ccpin.kinematics.continuation with the bounds of ccpin.kinematics.reaches, cluster by cluster.
+// ccpin.kinematics.continuation with the bounds of ccpin.kinematics.derivative_bounds, cluster by cluster.
 //
 // Asked near singular sets only, so memory is taken as it is needed, and boxes lie along the joints.
 #pragma once

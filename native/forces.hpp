@@ -1,4 +1,4 @@
-// What closures and joints carry, as ccpin.simulation.forces has it: Newton and Euler over each joint's subtree, whose
+// What closures and joints carry, as ccpin.simulation.results.forces has it: Newton and Euler over each joint's subtree, whose
 // closures are cut. Where several wrenches on a closure are possible it is the one of the λ of least norm.
 #pragma once
 #include "reduced_model.hpp"

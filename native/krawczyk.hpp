@@ -1,5 +1,5 @@
 // One box: a search for R, w and κ with which Theorem N holds, and its strict check. The theorem, its proof and the
-// search are those of `domain/boxes.py`, step for step.
+// search are those of `covering/proposals/krawczyk.py`, step for step.
 #pragma once
 #include "bounds_planar.hpp"
 #include "bounds_reach.hpp"

@@ -1,4 +1,4 @@
-// Reads a law, a run and an integrator's coefficients from the plain numbers of ccpin.simulation.in_core.
+// Reads a law, a run and an integrator's coefficients from the plain numbers of ccpin.simulation.integration.core_runs.
 #pragma once
 #include "reading.hpp"
 #include "simulate.hpp"
@@ -52,7 +52,7 @@ inline Sampling read_sampling(nb::dict d, const Mechanism& m) {
   return s;
 }
 
-// What tells when coordinates are left (ccpin.simulation.following); none: they never are.
+// What tells when coordinates are left (ccpin.simulation.integration.coordinate_switching); none: they never are.
 inline Leaving read_leaving(nb::object given, const Mechanism& m) {
   using namespace reading;
   if (given.is_none()) return {};

@@ -1,7 +1,8 @@
 // The closed loop D q̈ + C q̇ + g = ρᵀJᵀw + u (22) under a law of the core, continuous or sampled, and constant wrenches, with
-// samples at given times, and steps of it with u held; step for step as ccpin.simulation.run. What is out of the ordinary
-// (a σ that fails, a singularity coming near) is left to the reference: there is no answer. A run that may leave its
-// coordinates for others (ccpin.simulation.following) ends there instead, at its last certain step.
+// samples at given times, and steps of it with u held; step for step as ccpin.simulation.integration.run. What is out of
+// the ordinary (a σ that fails, a singularity coming near) is left to the reference: there is no answer. A run that may
+// leave its coordinates for others (ccpin.simulation.integration.coordinate_switching) ends there instead, at its last
+// certain step.
 #pragma once
 #include "arrays.hpp"
 #include "integrator.hpp"
@@ -288,7 +289,7 @@ class Simulation : public Follower {
     return true;
   }
 
-  // Settling, as ccpin.simulation.settling.
+  // Settling, as ccpin.simulation.events.settling.
   bool settles() const { return !run_.settling.goal.empty(); }
   double excess(const double* state) const {
     double step[6], error = 0, speed = 0;

@@ -1,4 +1,4 @@
-// Newton's method and the certified iteration at fixed q, and whether two boxes carry the same σ (`domain/newton.py`, `proof/newton.py`).
+// Newton's method and the certified iteration at fixed q, and whether two boxes carry the same σ (`proof/newton.py`, `proposals/solving.py`).
 #pragma once
 #include "krawczyk.hpp"
 

@@ -19,7 +19,7 @@ import pytest
 import ccpin
 from ccpin import containers
 from ccpin.domain import Atlas, SheetAtlas, SingularCover, certify, certify_sheets, certify_singularities
-from ccpin.domain.atlas.store import fingerprint
+from ccpin.domain.closures.packing import fingerprint
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.simulation import load_npz
 from tests.support.damage import TooSlow, time_limit

@@ -210,7 +210,7 @@ def test_an_open_loop_says_what_is_open(rpdr):
 def test_a_library_that_does_not_load_is_named(rpdr, monkeypatch, tmp_path):
     """And is not taken for a fault of the file."""
     monkeypatch.setitem(sys.modules, "yourdfpy", None)
-    monkeypatch.delitem(sys.modules, "ccpin.description.writers.urdf", raising=False)
+    monkeypatch.delitem(sys.modules, "ccpin.description.urdf.writer", raising=False)
     with pytest.raises(ccpin.CcpinError, match=r"what writes urdf files does not load \(.*yourdfpy"):
         rpdr.save(tmp_path / "out.urdf")
     rpdr.save(tmp_path / "out.sdf")  # which needs it not

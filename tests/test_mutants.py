@@ -1,14 +1,20 @@
 """The table of mutants names what is there; the mutants themselves are run by ``python -m tests.mutants``."""
 
+import ast
+from pathlib import Path
+
 import pytest
 
 from tests.mutants.changes import changes_of
 from tests.mutants.table import ROOMS, WHOLE, mutants_of, unlisted
 
+TESTS = Path(__file__).parent
+
 
 @pytest.mark.parametrize("room", ROOMS, ids=[room.module for room in ROOMS])
 def test_every_place_and_fragment_of_the_table_is_there(room):
     assert list(mutants_of(room))
+    assert [test for test in room.tests if not (TESTS / test.partition("::")[0]).is_file()] == []
 
 
 @pytest.mark.parametrize("folder", WHOLE)
@@ -32,10 +38,16 @@ def test_each_number_inequality_and_term_is_changed():
 
 
 def test_conditions_whole_factors_and_extremes_are_changed():
-    source = "def f(x, y):\n    return min(2 * x, y / 3) if x or y else np.all(x)\n"
+    source = "def f(x, y: int | None):\n    z: int | None = min(2 * x, y / 3) if x or y else np.all(x)\n"
     assert {change.what for change in changes_of(source, ("f",))} == {
         "max instead of min", "1 instead of 2", "1 instead of 3", "not asked: x", "not asked: y", "any instead of all",
     }  # fmt: skip
+
+
+def test_comparisons_with_zero_are_changed_at_zero():
+    source = "def f(x):\n    return x > 0, x < 0.0, x >= 0, x <= 0\n"
+    made = [(change.what, ast.unparse(change.made)) for change in changes_of(source, ("f",))]
+    assert made == [("0 let in", "x >= 0"), ("0 let in", "x <= 0.0"), ("0 left out", "x > 0"), ("0 left out", "x < 0")]
 
 
 def test_a_place_that_is_gone_is_an_error():

@@ -74,6 +74,6 @@ def test_certificates_and_forces_follow(mechanism):
     path = domain.certify_path(mechanism, [[-0.5], [0.5]], tube=0.01)
     assert path.verdict == "proven"
     assert_close(path.sigma(0.5), np.array([0.0, elbow(0.0)]), 1e-12, scale=1.0)
-    (load,) = ccpin.simulation.forces.closure_forces_at(model, [0.4], [0.2], [0.1])
+    (load,) = ccpin.simulation.results.forces.closure_forces_at(model, [0.4], [0.2], [0.1])
     assert load.force[0, 0] == pytest.approx(0.0, abs=1e-12)
     assert abs(load.force[0, 1]) > 1e-3

@@ -9,8 +9,8 @@ import pytest
 
 import ccpin
 from ccpin.description import read_description
-from ccpin.mechanism.closing import close
-from ccpin.mechanism.mobility import null_space
+from ccpin.mechanism.motion.mobility import null_space
+from ccpin.mechanism.poses.loop_closing import close
 from tests.oracles import descriptor
 from tests.support.places import SHARED
 

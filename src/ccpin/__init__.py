@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from ccpin.mechanism import Mechanism, load
     from ccpin.native import backend
     from ccpin.simulation import Simulator, Trajectory
-    from ccpin.simulation.simulate import simulate
-    from ccpin.simulation.sweeps import sweep
+    from ccpin.simulation.integration.single_run import simulate
+    from ccpin.simulation.studies.sweeps import sweep
 
 __version__ = "0.1.0"
 

@@ -35,14 +35,14 @@ _UNREADABLE = (
 )
 
 
-class Outline(NamedTuple):
+class ArrayOutline(NamedTuple):
     """What an array says of itself before its numbers are read."""
 
     dtype: np.dtype[Any]
     shape: tuple[int, ...]
 
 
-Check = Callable[[dict[str, Any], dict[str, Outline]], None]
+Check = Callable[[dict[str, Any], dict[str, ArrayOutline]], None]
 """Told the header and the outlines of all arrays before any number is read; raises where they are not as declared."""
 
 
@@ -85,7 +85,7 @@ def read_npz(file: IO[bytes], check: Check) -> tuple[dict[str, Any], NamedArrays
     with zipfile.ZipFile(file) as archive:
         members = _members(archive, file.seek(0, io.SEEK_END))
         outlines = {name: _outline(archive, member) for name, member in members.items()}
-        if outlines.get(_HEADER, Outline(np.dtype(float), ())).dtype != np.uint8:
+        if outlines.get(_HEADER, ArrayOutline(np.dtype(float), ())).dtype != np.uint8:
             raise InvalidInputError("it has no header: it is none of ccpin's documents, or older than they are")
         header = _parsed(_numbers(archive, members.pop(_HEADER), outlines.pop(_HEADER)).tobytes())
         check(header, outlines)
@@ -111,7 +111,7 @@ def format_of(path: str | Path) -> Any:
     """
     found: list[Any] = []
 
-    def look(header: dict[str, Any], outlines: dict[str, Outline]) -> None:
+    def look(header: dict[str, Any], outlines: dict[str, ArrayOutline]) -> None:
         found.append(header.get("format"))
         outlines.clear()  # no number is read
         header[CHECKSUM] = checksum(header, {})
@@ -181,13 +181,13 @@ def _members(archive: zipfile.ZipFile, size: int) -> dict[str, zipfile.ZipInfo]:
     return found
 
 
-def _outline(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Outline:
+def _outline(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> ArrayOutline:
     """A member's dtype and shape, which must take up exactly the bytes that follow them."""
     with archive.open(member) as stream:
         dtype, shape = _npy_header(stream, member.filename)[:2]
         if math.prod(shape) * dtype.itemsize != member.file_size - stream.tell():
             raise InvalidInputError(f"{member.filename}: the shape {shape!s:.60} is not that of its bytes")
-    return Outline(dtype, shape)
+    return ArrayOutline(dtype, shape)
 
 
 def _npy_header(stream: IO[bytes], name: str) -> tuple[np.dtype[Any], tuple[int, ...], bool]:
@@ -201,7 +201,7 @@ def _npy_header(stream: IO[bytes], name: str) -> tuple[np.dtype[Any], tuple[int,
     return dtype, shape, fortran
 
 
-def _numbers(archive: zipfile.ZipFile, member: zipfile.ZipInfo, outline: Outline) -> NDArray[Any]:
+def _numbers(archive: zipfile.ZipFile, member: zipfile.ZipInfo, outline: ArrayOutline) -> NDArray[Any]:
     stream = io.BytesIO(archive.read(member))
     dtype, shape, fortran = _npy_header(stream, member.filename)
     found = np.frombuffer(stream.read(), dtype=dtype)
@@ -234,7 +234,7 @@ def _of_json(text: bytes, check: Check) -> tuple[dict[str, Any], NamedArrays]:
     return header, arrays
 
 
-def _listed_outline(entry: Any, name: str) -> Outline:
+def _listed_outline(entry: Any, name: str) -> ArrayOutline:
     """The dtype and shape of an array as JSON lists it, with as many numbers as they say."""
     if not isinstance(entry, dict) or {*entry} != {"dtype", "shape", "data"}:
         raise InvalidInputError(f"{name:.60} is no array: it needs a dtype, a shape and data, and nothing else")
@@ -245,7 +245,7 @@ def _listed_outline(entry: Any, name: str) -> Outline:
         raise InvalidInputError(f"{name:.60}: the shape is no list of sizes")
     if not isinstance(data, list) or math.prod(shape) != len(data):
         raise InvalidInputError(f"{name:.60}: the data are not as many numbers as the shape {shape!s:.40} says")
-    return Outline(np.dtype(dtype), tuple(shape))
+    return ArrayOutline(np.dtype(dtype), tuple(shape))
 
 
 def _parsed(text: bytes) -> dict[str, Any]:

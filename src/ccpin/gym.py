@@ -20,10 +20,10 @@ from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.mechanism import load
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.mechanism.outline import outline, plane_of_motion
+from ccpin.mechanism.wireframe import outline, plane_of_motion
 from ccpin.plotting import plot_configurations
-from ccpin.simulation.samples import StateSample
-from ccpin.simulation.stepper import Simulator
+from ccpin.simulation.events.samples import StateSample
+from ccpin.simulation.integration.simulator import Simulator
 from ccpin.visualization import view
 from ccpin.visualization.live import Viewer
 

@@ -15,7 +15,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 
 from ccpin import containers
-from ccpin.containers import NamedArrays, Outline
+from ccpin.containers import ArrayOutline, NamedArrays
 from ccpin.errors import InvalidInputError
 
 Sizes = dict[str, int]
@@ -119,11 +119,11 @@ class Schema(NamedTuple):
         found = {name: np.asarray(array) for name, array in arrays.items()}
         self.compare(
             whole | {containers.CHECKSUM: ""},
-            {name: Outline(array.dtype, array.shape) for name, array in found.items()},
+            {name: ArrayOutline(array.dtype, array.shape) for name, array in found.items()},
         )
         return whole, found
 
-    def compare(self, header: dict[str, Any], outlines: dict[str, Outline]) -> None:
+    def compare(self, header: dict[str, Any], outlines: dict[str, ArrayOutline]) -> None:
         """Compare the header, and dtypes and shapes of all arrays, with what is declared.
 
         Raises:
@@ -145,7 +145,7 @@ class Schema(NamedTuple):
         Raises:
             InvalidInputError: They are not; the array is named.
         """
-        outlines = {name: Outline(array.dtype, array.shape) for name, array in arrays.items()}
+        outlines = {name: ArrayOutline(array.dtype, array.shape) for name, array in arrays.items()}
         sizes = self._sizes(header, outlines)
         for name, (field, _) in self._declared(header, {*arrays}).items():
             below = sizes[field.below] if isinstance(field.below, str) else field.below
@@ -154,7 +154,7 @@ class Schema(NamedTuple):
             if field.finite and np.any((arrays[name] < field.least) | (arrays[name] >= below)):
                 raise InvalidInputError(f"{name} holds numbers outside {field.least:g} … {below:g}")
 
-    def _sizes(self, header: Mapping[str, Any], outlines: Mapping[str, Outline]) -> Sizes:
+    def _sizes(self, header: Mapping[str, Any], outlines: Mapping[str, ArrayOutline]) -> Sizes:
         """The number that each letter stands for."""
         sizes: Sizes = {}
         declared = self._declared(header, {*outlines})

@@ -16,7 +16,7 @@ from ccpin.errors import InvalidInputError
 pytest.importorskip("flint")
 
 from ccpin import auditing
-from ccpin.auditing import boxes, closures, document, gluing, verify
+from ccpin.auditing import boxes, closures, gluing, reading, verify
 from tests.support.altered import changed
 
 CASES = {
@@ -61,7 +61,7 @@ def test_a_slice_is_proved_and_reached(held, tmp_path):
     assert audit.holds, str(audit)
 
     def apart(arrays):
-        faces = [(c.first, c.second) for c in gluing.contacts(document.read(path))]
+        faces = [(c.first, c.second) for c in gluing.contacts(reading.read(path))]
         arrays["unglued"] = np.array(faces, dtype=np.int64)
 
     with pytest.raises(InvalidInputError, match="radius"):
@@ -85,8 +85,8 @@ def test_threads_audit_each_its_own_document(case, tmp_path):
 def test_closures_are_those_of_the_mechanism(case):
     """The auditor's φ vanishes at the reference's σ, whose φ is Pinocchio's; φ_θ is its derivative."""
     mechanism, atlas, path, _ = case
-    read = document.read(path)
-    own, model = closures.Closures(read), ccpin.ReducedModel(mechanism)
+    read = reading.read(path)
+    own, model = closures.BallClosures(read), ccpin.ReducedModel(mechanism)
     rng = np.random.default_rng(5)
     near = atlas.reading.configuration(read.seed[None])[0]
     for q in atlas.q0 + 0.05 * rng.uniform(-1.0, 1.0, (10, len(atlas.q0))):
@@ -99,8 +99,8 @@ def test_closures_are_those_of_the_mechanism(case):
 
 
 def test_the_variation_is_the_jacobian_s_derivative(case):
-    read = document.read(case[2])
-    own = closures.Closures(read)
+    read = reading.read(case[2])
+    own = closures.BallClosures(read)
     rng = np.random.default_rng(6)
     theta, direction = read.seed + 0.2 * rng.normal(size=len(read.seed)), rng.normal(size=len(read.seed))
     motions = own.motions([closures.arb(float(x)) for x in theta])
@@ -114,28 +114,28 @@ def test_a_box_too_wide_is_found(case, tmp_path, factor):
     """One box of the larger ones claims more than it has; it reaches beyond what is closed or turns singular."""
     _, atlas, path, _ = case
     k = int(np.argmax(atlas.boxes.half.max(axis=1)))
-    read = document.read(path)
+    read = reading.read(path)
     read.half[k] = np.maximum(factor * read.half[k], 4.0)
-    assert not boxes.proved(closures.Closures(read), read, k, 6)
+    assert not boxes.proved(closures.BallClosures(read), read, k, 6)
 
     def widen(arrays):
         arrays["box_half"][k] = read.half[k]
 
     with pytest.raises(InvalidInputError, match="is not the box of cell"):
-        document.read(changed(path, tmp_path, widen))
+        reading.read(changed(path, tmp_path, widen))
 
 
 @pytest.mark.parametrize("what", ["tube", "modes", "centre"])
 def test_a_wrong_tube_is_found(case, what):
     """A tube that holds no solution, one that is flat, and one beside the branch."""
-    read = document.read(case[2])
+    read = reading.read(case[2])
     if what == "tube":
         read.radius[0] *= -1.0
     elif what == "modes":
         read.modes[0] = 0.0
     else:
         read.centre[0, read.dependent[0]] += 20.0 * read.radius[0].max() + 0.1
-    assert not boxes.proved(closures.Closures(read), read, 0, 4)
+    assert not boxes.proved(closures.BallClosures(read), read, 0, 4)
 
 
 def test_a_box_on_another_branch_is_not_glued(tmp_path):
@@ -185,8 +185,8 @@ def test_another_mechanism_s_closures_are_refused(case, tmp_path):
         arrays["chain0_tip"] += 1e-3
 
     with pytest.raises(InvalidInputError, match="fingerprint"):
-        document.read(changed(path, tmp_path, longer, stamp=False))
-    read = document.read(changed(path, tmp_path, longer))
+        reading.read(changed(path, tmp_path, longer, stamp=False))
+    read = reading.read(changed(path, tmp_path, longer))
     assert read.header["fingerprint"] != atlas.fingerprint
     assert atlas.is_about(mechanism)
     assert not atlas.is_about(ccpin.load("hexa"))
@@ -195,9 +195,9 @@ def test_another_mechanism_s_closures_are_refused(case, tmp_path):
 def test_npz_and_json_say_the_same(case, tmp_path):
     _, atlas, path, _ = case
     atlas.save(tmp_path / "a.npz")
-    one, two = document.read(path), document.read(tmp_path / "a.npz")
+    one, two = reading.read(path), reading.read(tmp_path / "a.npz")
     assert one.faces is None is two.faces
-    names = document.Document._fields
+    names = reading.ClaimedDocument._fields
     plain = [*names[2 : names.index("faces")], "place", "size"]
     for a, b in zip(*([*(getattr(d, n) for n in plain), *d.empty, *d.singular] for d in (one, two)), strict=True):
         np.testing.assert_array_equal(a, b)
@@ -261,7 +261,7 @@ def test_touching_boxes_are_found(tmp_path):
             if np.sum(np.abs(gap) < 1e-9) == 1 and np.all(gap > -1e-9):
                 expected.add((b, a))
     atlas.save(tmp_path / "a.npz")
-    found = {tuple(sorted((c.first, c.second))) for c in gluing.contacts(document.read(tmp_path / "a.npz"))}
+    found = {tuple(sorted((c.first, c.second))) for c in gluing.contacts(reading.read(tmp_path / "a.npz"))}
     assert found == expected
 
 
@@ -274,8 +274,8 @@ def test_boxes_beside_an_isolated_singularity_are_proved(tmp_path):
     weak = np.argsort(np.abs(atlas.boxes.modes[:, 0, 1]) > 0.0)[::-1]
     assert np.abs(atlas.boxes.modes[weak[0], 0, 1]) > 0.5
     atlas.save(tmp_path / "a.npz")
-    read = document.read(tmp_path / "a.npz")
-    own = closures.Closures(read)
+    read = reading.read(tmp_path / "a.npz")
+    own = closures.BallClosures(read)
     assert all(boxes.proved(own, read, int(k), 8) for k in weak[:12])
 
 

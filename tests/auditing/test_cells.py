@@ -12,7 +12,7 @@ from tests.support.legs import WHOLE, load_slice
 
 pytest.importorskip("flint")
 
-from ccpin.auditing import closures, document, emptiness, singular, verify
+from ccpin.auditing import closures, empty_cells, reading, singular_points, verify
 from tests.support.altered import changed, without_boxes
 
 TORUS = np.full(2, -np.pi), np.full(2, np.pi)
@@ -44,7 +44,7 @@ def test_empty_and_singular_cells_are_proved(torus):
 
 def test_cells_that_are_not_empty_are_found(torus, tmp_path, monkeypatch):
     """Certified and singular cells called empty, and cells half empty: none is proved."""
-    monkeypatch.setattr(emptiness, "_BUDGET", 500)
+    monkeypatch.setattr(empty_cells, "_BUDGET", 500)
     atlas, path = torus
     leaves = atlas.tree.leaves()
     low = atlas.region.position(atlas.tree.lower[leaves])
@@ -66,8 +66,8 @@ def test_cells_that_are_not_empty_are_found(torus, tmp_path, monkeypatch):
             arrays["singular_theta"][kept],
         )
 
-    read = document.read(changed(path, tmp_path, plant, radius=0.0))
-    look = emptiness.Emptiness(closures.Closures(read), read)
+    read = reading.read(changed(path, tmp_path, plant, radius=0.0))
+    look = empty_cells.Emptiness(closures.BallClosures(read), read)
     rows = np.flatnonzero(np.isin(read.empty.number, planted))
     assert len(rows) == 40
     assert not any(look.proved(int(k)) for k in rows[:12])
@@ -86,18 +86,18 @@ def test_configurations_that_are_not_singular_are_found(torus, tmp_path):
         arrays["singular_cell"] = np.concatenate([arrays["singular_cell"], certified])
         arrays["singular_theta"] = np.concatenate([arrays["singular_theta"], regular])
 
-    read = document.read(changed(path, tmp_path, plant, radius=0.0))
-    own = closures.Closures(read)
+    read = reading.read(changed(path, tmp_path, plant, radius=0.0))
+    own = closures.BallClosures(read)
     count = len(read.singular.number)
     for k in [*range(0, count - 5, 40), *range(count - 5, count)]:
-        assert not singular.singular(own, read, k)
+        assert not singular_points.singular(own, read, k)
 
     def bare(arrays):
         arrays["tree_status"][certified] = CellStatus.SINGULAR
         without_boxes(arrays, certified)
 
     with pytest.raises(InvalidInputError, match="without a singular configuration"):
-        document.read(changed(path, tmp_path, bare, radius=0.0))
+        reading.read(changed(path, tmp_path, bare, radius=0.0))
 
 
 @pytest.mark.slow
@@ -107,8 +107,8 @@ def test_cells_emptied_by_search_are_proved(tmp_path):
     q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
     atlas = certify(mechanism, q0, WHOLE, max_depth=5, exhaustive=True)
     atlas.save(tmp_path / "legs.npz")
-    read = document.read(tmp_path / "legs.npz")
-    look = emptiness.Emptiness(closures.Closures(read), read)
+    read = reading.read(tmp_path / "legs.npz")
+    look = empty_cells.Emptiness(closures.BallClosures(read), read)
     assert look.searched
     largest = np.argsort(-np.prod(read.empty.upper - read.empty.lower, axis=1))[:4]
     assert all(look.proved(int(k)) for k in largest)
@@ -129,15 +129,15 @@ def test_cells_emptied_by_theorem_e_are_proved(legs):
     """All of a 3-RRR's."""
     atlas, path = legs
     assert atlas.empty_fraction > 0.0
-    read = document.read(path)
-    look = emptiness.Emptiness(closures.Closures(read), read)
+    read = reading.read(path)
+    look = empty_cells.Emptiness(closures.BallClosures(read), read)
     assert all(look.proved(k) for k in range(len(read.empty.number)))
 
 
 def test_what_there_is_no_way_to_look_at_is_no_failure(legs, monkeypatch):
     """Without legs of a body, and with more dependent coordinates than are searched: neither proved nor failed."""
-    monkeypatch.setattr(emptiness.Platform, "of", lambda reach: None)
-    monkeypatch.setattr(emptiness, "_MOST", 5)
+    monkeypatch.setattr(empty_cells.Legs, "of", lambda reach: None)
+    monkeypatch.setattr(empty_cells, "_MOST", 5)
     audit = verify(legs[1], sample=3)
     assert (claim(audit, "without a closed").checked, claim(audit, "without a closed").failed) == (0, ())
     assert audit.holds

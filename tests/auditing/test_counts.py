@@ -9,7 +9,7 @@ from ccpin.errors import InvalidInputError
 
 pytest.importorskip("flint")
 
-from ccpin.auditing import closures, counts, document, emptiness, gluing, verify
+from ccpin.auditing import closures, counts, empty_cells, gluing, reading, verify
 from ccpin.auditing.audit import _faces as audit_faces
 from tests.support.altered import changed, without_members
 from tests.support.legs import WHOLE, load_slice
@@ -28,8 +28,8 @@ def sheets(tmp_path_factory):
 
 def looker(path):
     """The document in a file, and the search of the auditor for it."""
-    read = document.read(path)
-    return read, emptiness.Emptiness(closures.Closures(read), read)
+    read = reading.read(path)
+    return read, empty_cells.Emptiness(closures.BallClosures(read), read)
 
 
 def row_of(read, cell):
@@ -52,8 +52,8 @@ def test_sheets_are_audited(sheets, tmp_path):
         rows = np.isin(arrays["glued_first"], second)
         arrays["glued_first"][rows] = [other[int(k)] for k in arrays["glued_first"][rows]]
 
-    read = document.read(changed(path, tmp_path, crossed))
-    own, faces = closures.Closures(read), audit_faces(read)
+    read = reading.read(changed(path, tmp_path, crossed))
+    own, faces = closures.BallClosures(read), audit_faces(read)
     wrong = [c for c in faces if c.first in second]
     assert wrong
     assert not any(gluing.same_solution(own, read, c) for c in wrong)
@@ -70,7 +70,7 @@ def cell(sheets):
 def test_solutions_over_a_middle_are_those_of_the_producer(sheets, cell):
     read, look = looker(sheets[1])
     k = row_of(read, cell)
-    low, high = document.corners(read, read.counts.cells, k)
+    low, high = reading.corners(read, read.counts.cells, k)
     q = 0.5 * (low + high)
     kept = look.remaining([look.whole(low, high)], keep=True)
     found = sorted(np.cos(theta).tolist() for theta, _ in counts._over(look, kept, q))
@@ -100,7 +100,7 @@ def test_wrong_counts_are_found(sheets, cell, tmp_path, planted):
             arrays["count"][cell] = -1
 
     with pytest.raises(InvalidInputError, match=r"count: not as many|members_box|is not the box of cell"):
-        document.read(changed(path, tmp_path, plant))
+        reading.read(changed(path, tmp_path, plant))
 
 
 def test_a_wrong_number_is_found(sheets, cell):
@@ -119,12 +119,12 @@ def test_boxes_that_are_none_are_refused(sheets, tmp_path):
         arrays["members_box"][0] = len(arrays["box_centre"])
 
     with pytest.raises(InvalidInputError, match="members_box"):
-        document.read(changed(sheets[1], tmp_path, plant))
+        reading.read(changed(sheets[1], tmp_path, plant))
 
 
 def test_counts_of_cells_that_have_other_numbers_are_found(sheets, tmp_path, monkeypatch):
     """Cells that hold a fold, and empty ones, said to hold two; and two, said to be empty."""
-    monkeypatch.setattr(emptiness, "_BUDGET", 1000)
+    monkeypatch.setattr(empty_cells, "_BUDGET", 1000)
     found, path = sheets
     folded, empty = (found.tree.leaves(kind)[:4] for kind in (CellStatus.SINGULAR, CellStatus.EMPTY))
     two = found.tree.leaves(CellStatus.CERTIFIED)[:4]

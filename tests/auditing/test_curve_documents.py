@@ -14,8 +14,8 @@ from tests.support.legs import load_slice
 
 pytest.importorskip("flint")
 
-from ccpin.auditing import closures, covering, curves, document, slanted, verify
-from ccpin.auditing.reach import Box
+from ccpin.auditing import closures, exclusion, reading, singular_curves, slanted, verify
+from ccpin.auditing.reach import CornerBox
 
 REGION = np.array([[0.9, 1.0], [2.2, 2.3]])  # of the RPDR, with the isolated point and a piece of the fold
 FOLD = np.deg2rad([[100.0, 35.0], [140.0, 75.0]])  # of the RPDR: a piece of its fold, across both middles
@@ -64,9 +64,9 @@ def test_true_covers_are_proved(case):
 
 def test_the_equations_are_those_of_singular_configurations(case):
     """G vanishes to rounding on the tubes' middles; G′ and its variation are its derivatives."""
-    read = document.read(case[1])
-    own, tube, rng = closures.Closures(read), read.tubes[0], np.random.default_rng(0)
-    system = curves.Singular(own, read.dependent, tube.pairing)
+    read = reading.read(case[1])
+    own, tube, rng = closures.BallClosures(read), read.tubes[0], np.random.default_rng(0)
+    system = singular_curves.Singular(own, read.dependent, tube.pairing)
     x, step = np.concatenate([tube.theta, tube.kernel]), 1e-6 * np.eye(len(tube.tangent))
     assert np.abs(system.at(x)[0]).max() < 1e-9
     x, way = x + 0.3 * rng.normal(size=len(x)), rng.normal(size=len(x))
@@ -95,15 +95,15 @@ def test_a_wrong_tube_is_found(case, tmp_path, what):
         else:
             arrays["tube_along"][1] = (arrays["tube_along"][1] + 1) % len(arrays["tube_tangent"][1])
 
-    read = document.read(changed(path, tmp_path, damage))
-    own = closures.Closures(read)
-    assert not curves.one_curve(own, read, 1)
-    assert curves.one_curve(own, read, 0)
+    read = reading.read(changed(path, tmp_path, damage))
+    own = closures.BallClosures(read)
+    assert not singular_curves.one_curve(own, read, 1)
+    assert singular_curves.one_curve(own, read, 0)
 
 
 def rows(arrays, order):
     """All tubes in another order, or only some."""
-    for name in document.Tube._fields:
+    for name in reading.CurveTube._fields:
         arrays[f"tube_{name}"] = arrays[f"tube_{name}"][order]
 
 
@@ -122,11 +122,11 @@ def test_gluing_in_another_order_is_found(region, tmp_path):
         arrays["curve_tubes"][[c.closed for c in found.curves].index(True)] -= 3
 
     for change, wrong in ((swapped, 19), (shorter, 19)):
-        read = document.read(changed(path, tmp_path, change))
-        own = closures.Closures(read)
-        assert not curves.goes_on(own, read, first + wrong, first + wrong + 1)
-        assert curves.goes_on(own, read, first + 3, first + 4)
-        assert not curves.goes_on(own, read, first + 4, first + 3)
+        read = reading.read(changed(path, tmp_path, change))
+        own = closures.BallClosures(read)
+        assert not singular_curves.goes_on(own, read, first + wrong, first + wrong + 1)
+        assert singular_curves.goes_on(own, read, first + 3, first + 4)
+        assert not singular_curves.goes_on(own, read, first + 4, first + 3)
 
 
 def test_an_open_curve_called_closed_is_found(region, tmp_path):
@@ -137,14 +137,16 @@ def test_an_open_curve_called_closed_is_found(region, tmp_path):
     def closed(arrays):
         arrays["curve_closed"][k] = True
 
-    read = document.read(changed(path, tmp_path, closed))
+    read = reading.read(changed(path, tmp_path, closed))
     start = sum(len(curve.radius) for curve in found.curves[:k])
-    assert not curves.goes_on(closures.Closures(read), read, start + len(found.curves[k].radius) - 1, start)
+    assert not singular_curves.goes_on(
+        closures.BallClosures(read), read, start + len(found.curves[k].radius) - 1, start
+    )
 
 
 def parts_on(read, theta):
     """The parts that hold configurations."""
-    cover = covering.Cover(closures.Closures(read), read)
+    cover = exclusion.Exclusion(closures.BallClosures(read), read)
     theta = theta - np.where(read.periodic, 2.0 * np.pi * np.round(theta / (2.0 * np.pi)), 0.0)
     held = [any(np.all((t >= box.low) & (t <= box.high)) for t in theta) for box in cover.parts]
     return cover, np.flatnonzero(held)
@@ -152,7 +154,7 @@ def parts_on(read, theta):
 
 def test_a_missing_curve_is_found(region, tmp_path, monkeypatch):
     """With either of the curves left out, a part of the region that it crosses is not proved."""
-    monkeypatch.setattr(covering, "_BUDGET", 4000)
+    monkeypatch.setattr(exclusion, "_BUDGET", 4000)
     found, path = region
     assert len(found.curves) == 2
     ends = np.cumsum([0] + [len(curve.radius) for curve in found.curves])
@@ -164,7 +166,7 @@ def test_a_missing_curve_is_found(region, tmp_path, monkeypatch):
                 np.delete(arrays[f"curve_{name}"], k) for name in ("tubes", "closed")
             )
 
-        read = document.read(changed(path, tmp_path, without))
+        read = reading.read(changed(path, tmp_path, without))
         cover, crossed = parts_on(read, found.curves[k].tubes.theta)
         assert crossed.size
         assert not cover.proved(int(crossed[0]))
@@ -172,7 +174,7 @@ def test_a_missing_curve_is_found(region, tmp_path, monkeypatch):
 
 def test_merged_covers_are_proved_and_a_missing_curve_is_found(tmp_path, monkeypatch):
     """Four quarters, the fold across both seams: proved whole; without the fold the parts that it crosses are not."""
-    monkeypatch.setattr(covering, "_BUDGET", 4000)
+    monkeypatch.setattr(exclusion, "_BUDGET", 4000)
     rpdr = ccpin.load("rpdr")
     quarters = [domain.certify_singularities(rpdr, part) for part in domain.split_region(FOLD, 4)]
     merged = domain.merge(quarters)
@@ -182,15 +184,15 @@ def test_merged_covers_are_proved_and_a_missing_curve_is_found(tmp_path, monkeyp
     (curve,) = merged.curves
     assert claim(audit, "one singular curve").of == len(curve.radius)
     assert claim(audit, "goes on").of == len(curve.radius) - 1
-    cover, crossed = parts_on(document.read(tmp_path / "merged.json"), curve.tubes.theta)
+    cover, crossed = parts_on(reading.read(tmp_path / "merged.json"), curve.tubes.theta)
     assert crossed.size > 1
     assert all(cover.proved(int(k)) for k in crossed[:2])
     domain.SingularCover(**{**vars(merged), "curves": ()}).save(tmp_path / "without.json")
-    cover, crossed = parts_on(document.read(tmp_path / "without.json"), curve.tubes.theta)
+    cover, crossed = parts_on(reading.read(tmp_path / "without.json"), curve.tubes.theta)
     assert not any(cover.proved(int(k)) for k in crossed[:2])
     region = quarters[0].region  # of one quarter the document claims all the same for the whole region
     domain.SingularCover(**{**vars(quarters[0]), "region": merged.region}).save(tmp_path / "quarter.json")
-    cover, crossed = parts_on(document.read(tmp_path / "quarter.json"), curve.tubes.theta)
+    cover, crossed = parts_on(reading.read(tmp_path / "quarter.json"), curve.tubes.theta)
     q = np.array([0.5 * (cover.parts[k].low + cover.parts[k].high)[[0, 2]] for k in crossed])
     beyond = crossed[np.any(q > region.upper + 0.1, axis=1)]
     assert beyond.size
@@ -209,8 +211,8 @@ def test_what_is_not_listed_is_found(region, tmp_path, monkeypatch):
     assert not bare.curves
     bare.save(tmp_path / "bare.json")
     theta = region[0].curves[-1].tubes.theta[:1]
-    monkeypatch.setattr(covering, "_BUDGET", 4000)
-    cover, (part,) = parts_on(document.read(tmp_path / "bare.json"), theta)
+    monkeypatch.setattr(exclusion, "_BUDGET", 4000)
+    cover, (part,) = parts_on(reading.read(tmp_path / "bare.json"), theta)
     assert cover.proved(int(part))
 
     def without(arrays):
@@ -221,7 +223,7 @@ def test_what_is_not_listed_is_found(region, tmp_path, monkeypatch):
         for end in ("lower", "upper"):
             arrays[f"uncovered_{end}"] = arrays[f"uncovered_{end}"][kept]
 
-    cover, (part,) = parts_on(document.read(changed(tmp_path / "bare.json", tmp_path, without)), theta)
+    cover, (part,) = parts_on(reading.read(changed(tmp_path / "bare.json", tmp_path, without)), theta)
     assert not cover.proved(int(part))
 
 
@@ -279,15 +281,15 @@ def boxes_with(rng, theta, wide):
     for t in theta:
         half = wide * np.exp(rng.uniform(-3.0, 0.0, len(t)))
         middle = t + 0.99 * rng.uniform(-half, half)
-        yield t, Box(middle - half, middle + half)
+        yield t, CornerBox(middle - half, middle + half)
 
 
 @pytest.mark.parametrize("wide", [0.3, 0.1, 0.01, 1e-4])
 def test_no_singular_configuration_is_lost(region, wide):
     """Those of closed forms stay in what Lemmas A, B and C leave of boxes that hold them, whatever l is."""
-    read, rng = document.read(region[1]), np.random.default_rng(7)
-    own = closures.Closures(read)
-    cover = covering.Cover(own, read)
+    read, rng = reading.read(region[1]), np.random.default_rng(7)
+    own = closures.BallClosures(read)
+    cover = exclusion.Exclusion(own, read)
     cover.tubes, cover._lengths = [], np.zeros(0)  # that nothing is settled in a tube
     cover._middles = np.zeros((0, 4))
     theta = rpdr_singular(rng, 60)
@@ -297,7 +299,7 @@ def test_no_singular_configuration_is_lost(region, wide):
         assert np.abs(phi).max() < 1e-9
         assert abs(np.linalg.det(slope[:, read.dependent])) < 1e-9
         pairing = np.linalg.svd(slope[:, read.dependent])[2][-1] + rng.uniform(-0.4, 0.4, 2)
-        system = curves.Singular(own, read.dependent, pairing)
+        system = singular_curves.Singular(own, read.dependent, pairing)
         for left in (cover._left_of(box), slanted.cut_down(box, system, None, cover.turning)):
             assert left is not None
             assert np.all((t >= left.low) & (t <= left.high))
@@ -314,9 +316,9 @@ def test_rows_known_modulo_something_lose_nothing(region, tmp_path):
         for name in ("chain0_weights", "chain1_weights"):
             arrays[name][0] = 0.0
 
-    read, rng = document.read(changed(region[1], tmp_path, modulo)), np.random.default_rng(10)
-    own = closures.Closures(read)
-    cover = covering.Cover(own, read)
+    read, rng = reading.read(changed(region[1], tmp_path, modulo)), np.random.default_rng(10)
+    own = closures.BallClosures(read)
+    cover = exclusion.Exclusion(own, read)
     cover.tubes, cover._lengths, cover._middles = [], np.zeros(0), np.zeros((0, 4))
     q1, q3 = rng.uniform(-np.pi, np.pi, 200), np.pi / 30.0 * rng.integers(-29, 30, 200)
     up = rng.choice([-1.0, 1.0], 200)
@@ -333,7 +335,7 @@ def test_rows_known_modulo_something_lose_nothing(region, tmp_path):
             assert np.all((t >= left.low) & (t <= left.high))
 
 
-class Shifted(curves.Singular):
+class Shifted(singular_curves.Singular):
     """G less its value at some x, which is a zero then."""
 
     def __init__(self, closures, dependent, pairing, x):
@@ -346,8 +348,8 @@ class Shifted(curves.Singular):
 
 def test_slanted_boxes_keep_their_zeros(case):
     """Lemma C about zeros put at corners of slanted boxes, where each of its terms is as large as it may be."""
-    read, rng, smaller = document.read(case[1]), np.random.default_rng(11), 0
-    own = closures.Closures(read)
+    read, rng, smaller = reading.read(case[1]), np.random.default_rng(11), 0
+    own = closures.BallClosures(read)
     for _ in range(60):
         pairing, x = rng.normal(size=own.m), rng.normal(size=own.n_free + own.m)
         along, tangent = int(rng.integers(own.n_free)), rng.normal(size=len(x))
@@ -357,7 +359,9 @@ def test_slanted_boxes_keep_their_zeros(case):
         zero = [closures.arb(v) for v in corner.tolist()]
         system = Shifted(own, read.dependent, pairing, zero)
         wide = radius * (1.0 + 1e-9)
-        box = slanted.Slanted([closures.arb(v) for v in x.tolist()], along, tangent, half * (1.0 + 1e-9), -wide, wide)
+        box = slanted.SlantedBox(
+            [closures.arb(v) for v in x.tolist()], along, tangent, half * (1.0 + 1e-9), -wide, wide
+        )
         P = closures.exact(np.linalg.inv(np.delete(system.at(x)[1], along, axis=1)))
         for _ in range(3):
             left = slanted._narrowed(system, box, P, box.balls())
@@ -372,15 +376,17 @@ def test_slanted_boxes_keep_their_zeros(case):
 
 def test_boxes_off_curves_are_empty(region):
     """Lemma C does tell: boxes a little off the closed forms' curves hold none."""
-    read, rng = document.read(region[1]), np.random.default_rng(8)
-    own, empty = closures.Closures(read), 0
+    read, rng = reading.read(region[1]), np.random.default_rng(8)
+    own, empty = closures.BallClosures(read), 0
     theta = rpdr_singular(rng, 30)
     for t in theta:
         slope = own.at(t)[1]
-        system = curves.Singular(own, read.dependent, np.linalg.svd(slope[:, read.dependent])[2][-1])
+        system = singular_curves.Singular(own, read.dependent, np.linalg.svd(slope[:, read.dependent])[2][-1])
         way = np.linalg.svd(slope)[2][2:].T @ rng.normal(size=2)  # along {φ = 0}
         middle = t + 0.02 * way / np.linalg.norm(way)
-        empty += slanted.cut_down(Box(middle - 2e-3, middle + 2e-3), system, None, [True] * 4 + [False] * 2) is None
+        empty += (
+            slanted.cut_down(CornerBox(middle - 2e-3, middle + 2e-3), system, None, [True] * 4 + [False] * 2) is None
+        )
     assert empty > len(theta) // 2
 
 
@@ -403,10 +409,10 @@ def test_wrong_tubes_in_hard_parts_are_found(torus, tmp_path, what):
 
     A self-motion is straight in x-space, so that a narrow tube about it is right: narrow ones are those of the fold.
     """
-    read = document.read(torus)
+    read = reading.read(torus)
     theta = np.array([tube.theta for tube in read.tubes])
     for part in HARD[1:3] if what == "narrow" else HARD:
-        box = covering.parts(closures.Closures(read), read)[part]
+        box = exclusion.parts(closures.BallClosures(read), read)[part]
         turned = np.angle(np.exp(1j * theta))
         inside = np.flatnonzero(np.all((turned >= box.low + 0.03) & (turned <= box.high - 0.03), axis=1))
         assert inside.size > 4
@@ -422,8 +428,8 @@ def test_wrong_tubes_in_hard_parts_are_found(torus, tmp_path, what):
             else:
                 arrays["tube_radius" if what == "narrow" else "tube_half"][wrong] *= 1e-7
 
-        damaged = document.read(changed(torus, tmp_path, damage))
-        assert not covering.Cover(closures.Closures(damaged), damaged).proved(part)
+        damaged = reading.read(changed(torus, tmp_path, damage))
+        assert not exclusion.Exclusion(closures.BallClosures(damaged), damaged).proved(part)
 
 
 @pytest.mark.slow
@@ -438,7 +444,7 @@ def test_parts_with_singular_configurations_are_not_proved_without_tubes(torus, 
         arrays["curve_tubes"], arrays["curve_closed"] = (arrays[f"curve_{n}"][:0] for n in ("tubes", "closed"))
 
     rng = np.random.default_rng(9)
-    cover, crossed = parts_on(document.read(changed(torus, tmp_path, hidden)), rpdr_singular(rng, 400))
+    cover, crossed = parts_on(reading.read(changed(torus, tmp_path, hidden)), rpdr_singular(rng, 400))
     assert set(HARD) <= set(crossed.tolist())
     assert not {*BESIDE} & {*crossed.tolist()}
     for part in {*HARD, *rng.choice(crossed, 6, replace=False).tolist()}:

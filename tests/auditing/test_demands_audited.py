@@ -5,13 +5,14 @@ import pytest
 
 import ccpin
 from ccpin.domain import certify_workspace
-from ccpin.domain.workspace import task_problem
+from ccpin.domain.workspaces.workspace import task_problem
 from ccpin.proof.requirements import conditioning, reach
 from tests.support.altered import changed
 
 pytest.importorskip("flint")
 
-from ccpin.auditing import closures, demands, document, verify
+from ccpin.auditing import closures, reading, verify
+from ccpin.auditing import workspace as demands
 
 LIMITS = {"motor1": (-6.0, 6.0), "elbow2": (-6.0, 6.0)}
 
@@ -32,8 +33,8 @@ def workspace(tmp_path_factory):
 
 def failing(path):
     """The boxes of a document that are not proved to meet its demands."""
-    read = document.read(path)
-    own = closures.Closures(read)
+    read = reading.read(path)
+    own = closures.BallClosures(read)
     return [k for k in range(len(read.centre)) if not demands.met(own, read, k, 3)]
 
 
@@ -105,8 +106,8 @@ def test_motors_that_lose_hold_are_found(workspace, tmp_path):
 def test_the_derivative_is_enclosed(workspace):
     """∂y/∂x of 2 against a solve at random places of the tubes, to what that is rounded by."""
     rng = np.random.default_rng(3)
-    read = document.read(workspace[1])
-    own = closures.Closures(read)
+    read = reading.read(workspace[1])
+    own = closures.BallClosures(read)
     for k in range(4):
         box = demands.box_of(read, k)
         slopes = demands._Slopes(own, read, box, (-box.half, box.half))

@@ -15,7 +15,7 @@ from tests.support.altered import changed
 
 pytest.importorskip("flint")
 
-from ccpin.auditing import closures, covering, curves, document, verify
+from ccpin.auditing import closures, exclusion, reading, singular_curves, verify
 from tests.support.forgeries import campaign
 
 FORGERIES = int(os.environ.get("CCPIN_FORGERIES", "1000"))
@@ -320,13 +320,13 @@ def test_a_curve_listed_twice(cover, tmp_path):
         return change
 
     for shrink in (1.0, 0.999):
-        read = document.read(changed(path, tmp_path, twice(shrink)))
-        again = covering.Cover(closures.Closures(read), read)
+        read = reading.read(changed(path, tmp_path, twice(shrink)))
+        again = exclusion.Exclusion(closures.BallClosures(read), read)
         last = len(read.tubes) - 1
-        assert curves.listed_once(again, 0) is False
-        assert curves.listed_once(again, last) is False
-    read = document.read(path)
-    assert curves.listed_once(covering.Cover(closures.Closures(read), read), 0) is True
+        assert singular_curves.listed_once(again, 0) is False
+        assert singular_curves.listed_once(again, last) is False
+    read = reading.read(path)
+    assert singular_curves.listed_once(exclusion.Exclusion(closures.BallClosures(read), read), 0) is True
     assert "tubes whose curve is no other one on the list" in [claim.what for claim in verify(path, sample=1).claims]
 
 

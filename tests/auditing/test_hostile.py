@@ -17,7 +17,7 @@ from ccpin.errors import InvalidInputError
 pytest.importorskip("flint")
 
 from ccpin.auditing import declared, verify
-from ccpin.domain.documents import ATLAS, CURVES, SHEETS
+from ccpin.domain.documents.kinds import ATLAS, CURVES, SHEETS
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ pytest.importorskip("flint")
 
 from flint import arb, arb_mat
 
-from ccpin.auditing import closures, document, emptiness, platform
+from ccpin.auditing import closures, empty_cells, legs, reading
 from tests.support.altered import changed, without_boxes
 
 SIZES = [20, pytest.param(1_500, marks=pytest.mark.slow)]
@@ -24,8 +24,8 @@ def looker(name, folder):
     mechanism = ccpin.load(name)
     q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
     certify(mechanism, q0, (q0 - 1e-3, q0 + 1e-3), max_depth=1).save(folder / "box.json")
-    read = document.read(folder / "box.json")
-    return mechanism, emptiness.Emptiness(closures.Closures(read), read)
+    read = reading.read(folder / "box.json")
+    return mechanism, empty_cells.Emptiness(closures.BallClosures(read), read)
 
 
 def apart(look, q, half):
@@ -84,7 +84,7 @@ def ends_of(rng, size, count, stretched):
     lengths = np.linalg.norm(at + rng.normal(size=size) + beta @ R.T, axis=1) * stretched
     still = [arb(0)]
     A = closures.exact(at)
-    ends = platform._Ends(A, A, [arb_mat(count, size)], still, [arb(float(x)) ** 2 for x in lengths])
+    ends = legs._EndBalls(A, A, [arb_mat(count, size)], still, [arb(float(x)) ** 2 for x in lengths])
     return ends, closures.exact(beta)
 
 
@@ -94,15 +94,15 @@ def test_the_lemma_holds_for_any_weights(size, count):
     rng, told = np.random.default_rng(size + count), 0
     for _ in range(20):
         ends, beta = ends_of(rng, size, count, 1.0)
-        body = object.__new__(platform.Platform)
+        body = object.__new__(legs.Legs)
         body.betas, body.legs, body.size = beta, [None] * count, size
         for _ in range(5):
             weights = rng.normal(scale=2.0, size=count)
             weights[-1] += 1.0 - weights.sum()
             assert not body._violated(weights, ends)
-        assert not body._violated(platform._best(ends, closures.floats(beta)), ends)
+        assert not body._violated(legs._best(ends, closures.floats(beta)), ends)
         short, _ = ends_of(rng, size, count, 0.2)
-        told += body._violated(platform._best(short, closures.floats(beta)), short)
+        told += body._violated(legs._best(short, closures.floats(beta)), short)
     assert told > 7
 
 
@@ -118,8 +118,8 @@ def test_reachable_cells_called_empty_are_not_proved(tmp_path):
         arrays["tree_status"][leaves] = CellStatus.EMPTY
         without_boxes(arrays, leaves)
 
-    read = document.read(changed(tmp_path / "delta.json", tmp_path, plant, radius=0.0))
-    look = emptiness.Emptiness(closures.Closures(read), read)
+    read = reading.read(changed(tmp_path / "delta.json", tmp_path, plant, radius=0.0))
+    look = empty_cells.Emptiness(closures.BallClosures(read), read)
     rows = np.flatnonzero(np.isin(read.empty.number, leaves))
     assert len(rows) == len(leaves)
     assert not any(look.proved(int(k)) for k in rows)

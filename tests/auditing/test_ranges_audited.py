@@ -10,7 +10,7 @@ from tests.support.carriages import double_slider, five_bar_with_rotor, rail, tw
 
 pytest.importorskip("flint")
 
-from ccpin.auditing import closures, document, emptiness, verify
+from ccpin.auditing import closures, empty_cells, reading, verify
 
 BAR = FiveBar(0.3, 0.25, 0.2, 0.15, 0.2)
 FAR = ([-2.4, -1.8], [-1.4, -0.8])
@@ -37,7 +37,7 @@ def test_counts_over_less_than_there_is_are_found(made, tmp_path):
     """Two configurations said to be one, with a range that leaves the other out, and none told of."""
     build, region = MADE[made]
     domain.certify_sheets(build(), region, max_depth=2).save(tmp_path / "sheets.json")
-    file = document.read(tmp_path / "sheets.json")
+    file = reading.read(tmp_path / "sheets.json")
     slide = int(np.flatnonzero(np.all(file.ranges.reasons == 3, axis=1))[0])
 
     def narrow(arrays):
@@ -66,7 +66,7 @@ def test_a_geared_elbow_without_limits_is_not_held_still(tmp_path):
     geared = five_bar_with_rotor(BAR, 5.0, driver="joint3")
     q0 = domain.scalar_coordinates_at(geared, geared.q_reference)
     domain.certify(geared, q0, (q0 - 0.01, q0 + 0.01), max_depth=1).save(tmp_path / "atlas.json")
-    file = document.read(tmp_path / "atlas.json")
-    look = emptiness.Emptiness(closures.Closures(file), file)
+    file = reading.read(tmp_path / "atlas.json")
+    look = empty_cells.Emptiness(closures.BallClosures(file), file)
     assert not look.searched
     assert not look._all_apart([look.whole(file.lower, file.upper)])

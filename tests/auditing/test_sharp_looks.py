@@ -7,39 +7,10 @@ import pytest
 from flint import arb, arb_mat
 
 from ccpin.auditing.boxes import Box, _half_width, contracts, look
-from ccpin.auditing.document import widened
 from ccpin.auditing.gluing import near
-
-
-class Quadratic:
-    """φ = c + g q + y + ½ a q² + b q y + ½ d y²."""
-
-    m, n_free = 1, 2
-
-    def __init__(self, c=0.0, g=0.0, a=0.0, b=0.0, d=0.0):
-        self.c, self.line, self.bend = c, np.array([g, 1.0]), np.array([[a, b], [b, d]])
-
-    def motions(self, theta):
-        return theta
-
-    def value(self, theta, motions):
-        x = arb_mat(2, 1, list(theta))
-        half = (x.transpose() * _exact(self.bend) * x)[0, 0] / 2
-        return arb_mat(1, 1, [self.c + (_exact(self.line[None]) * x)[0, 0] + half])
-
-    def jacobian(self, motions):
-        return _exact(self.line[None]) + (_exact(self.bend) * arb_mat(2, 1, list(motions))).transpose()
-
-    def variation(self, motions, direction):
-        return (_exact(self.bend) * arb_mat(2, 1, list(direction))).transpose()
-
-    def at(self, theta):
-        slope = self.line + self.bend @ theta
-        return np.array([self.c + self.line @ theta + 0.5 * theta @ self.bend @ theta]), slope[None]
-
-
-def _exact(values):
-    return arb_mat(*np.shape(values), [arb(float(x)) for x in np.ravel(values)])
+from ccpin.auditing.reading import widened
+from tests.support.rows import Quadratic
+from tests.support.rows import exact as _exact
 
 
 def looked(closures, e=0.5, r=0.25, slope=0.0, middle=0.0):

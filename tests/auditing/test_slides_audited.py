@@ -11,13 +11,13 @@ from tests.support.altered import changed
 
 pytest.importorskip("flint")
 
-from ccpin.auditing import closures, counts, document, emptiness, verify
+from ccpin.auditing import closures, counts, empty_cells, reading, verify
 
 
 def looker(path):
     """The document in a file, and the auditor's search for it."""
-    read = document.read(path)
-    return read, emptiness.Emptiness(closures.Closures(read), read)
+    read = reading.read(path)
+    return read, empty_cells.Emptiness(closures.BallClosures(read), read)
 
 
 def sliding(read):
@@ -72,7 +72,7 @@ def test_counts_within_limits_are_those_of_the_closed_form(limited):
     read, _ = looker(path)
     assert set(read.counts.said.tolist()) <= {0, 1}
     for k, said in enumerate(read.counts.said):
-        low, high = document.corners(read, read.counts.cells, k)
+        low, high = reading.corners(read, read.counts.cells, k)
         sliders = np.array([oracle.sigma(q)["slider"] for q in np.linspace(low[0], high[0], 50)[1:-1]])
         assert np.all((sliders >= 0.1) & (sliders <= 0.15)) == said
     assert len(read.empty.number) > 0
@@ -99,7 +99,7 @@ def test_wrong_ranges_and_numbers_are_found(limited, tmp_path, planted):
 
 def test_an_empty_cell_is_not_empty_beyond_the_limits(limited, tmp_path, monkeypatch):
     """What is empty within limits is not proved to be so once they are taken away."""
-    monkeypatch.setattr(emptiness, "_BUDGET", 500)
+    monkeypatch.setattr(empty_cells, "_BUDGET", 500)
     read, look = looker(limited[1])
     assert all(look.proved(k) for k in range(len(read.empty.number)))
 

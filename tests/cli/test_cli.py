@@ -9,7 +9,7 @@ import pytest
 
 import ccpin
 from ccpin.cli import main
-from ccpin.dynamics.modes import _Search
+from ccpin.dynamics.assembly import _ModeFinder
 from ccpin.simulation import load_npz
 from tests.support.paper import MOVE_OPTIONS
 from tests.support.places import MODELS
@@ -77,14 +77,14 @@ def test_modes_shows_progress_and_keeps_to_its_budget(capsys, monkeypatch):
 
 def test_modes_interrupted_prints_what_it_found(capsys, monkeypatch):
     """Ctrl-C: the modes so far, and the exit code of an interrupt."""
-    step = _Search.step
+    step = _ModeFinder.step
 
     def stop(search):
         step(search)
         if search.starts == 4:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(_Search, "step", stop)
+    monkeypatch.setattr(_ModeFinder, "step", stop)
     assert main(["modes", "rpdr"]) == 130
     assert "interrupted, so modes may be missing" in capsys.readouterr().out
 

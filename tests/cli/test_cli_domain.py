@@ -9,7 +9,7 @@ import pytest
 from ccpin.cli import main
 from ccpin.description import find_file
 from ccpin.domain import Atlas, SheetAtlas, SingularCover, certified_radius
-from ccpin.domain.curves.cover import UncoveredBoxes
+from ccpin.domain.singular.curves import UncoveredBoxes
 
 CENTRE = ["--centre-deg", "-108", "-72"]
 REGION = ["--lower-deg", "-150", "-160", "--upper-deg", "-90", "-100"]

@@ -9,10 +9,9 @@ import pytest
 import ccpin
 from ccpin.description import Motor, Part, combine, read_description
 from ccpin.description.checks import check
-from ccpin.description.mjcf.reader import read_mjcf
-from ccpin.description.urdf import read_urdf
-from ccpin.description.writers.urdf import write_urdf
+from ccpin.description.urdf.writer import write_urdf
 from ccpin.errors import DescriptionError, InvalidInputError
+from tests.support.reading import read_mjcf, read_urdf
 
 BODY = '<body name="{0}" pos="0 {1} 0"><joint name="{0}" axis="1 0 0" {2}/><geom size="0.1" pos="0 0 0.2"/></body>'
 

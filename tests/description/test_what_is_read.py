@@ -8,7 +8,7 @@ import pytest
 
 import ccpin
 from ccpin.description import read_description
-from ccpin.description.meshes import find_mesh
+from ccpin.description.elements.meshes import find_mesh
 from ccpin.errors import DescriptionError
 from ccpin.visualization.shapes import read_mesh
 from tests.support.sdf_files import four_bar_urdf

@@ -10,16 +10,16 @@ import pytest
 import ccpin
 from ccpin.cli import main
 from ccpin.description import Coupling, CouplingTerm, Shape, Visual, read_description
-from ccpin.description.graph import zero_poses
+from ccpin.description.elements.graph import zero_poses
+from ccpin.description.formats import write_description
+from ccpin.description.mjcf.writer import write_mjcf
 from ccpin.description.model import IDENTITY, LoopClosure, Motor, frame, inverse
-from ccpin.description.urdf import read_urdf
-from ccpin.description.writers import write_description
-from ccpin.description.writers.mjcf import write_mjcf
-from ccpin.description.writers.sdf import write_sdf
-from ccpin.description.writers.toolbox import write_toolbox
-from ccpin.description.writers.urdf import write_urdf
+from ccpin.description.sdf.writer import write_sdf
+from ccpin.description.toolbox.writer import write_toolbox
+from ccpin.description.urdf.writer import write_urdf
 from ccpin.errors import DescriptionError, InvalidInputError, UnsupportedMechanismError
 from tests.support.places import MODELS, SHARED
+from tests.support.reading import read_urdf
 
 BODY = '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01"/></inertial>'
 GEAR = f"""<robot name="gear"><link name="base"/>

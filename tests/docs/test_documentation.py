@@ -3,7 +3,7 @@
 import pytest
 
 from ccpin import visualization
-from ccpin.description import CLOSURE_KINDS
+from ccpin.description import CLOSURE_KINDS, FORMATS
 from ccpin.studio import Studio
 from tests.support.browser import chromium
 from tests.support.documents import PAGES, alike, blocks, needs, run
@@ -13,8 +13,8 @@ KNOWN = {"python", "console", "sh", "text", "xml", "yaml", "toml", "cpp"}
 
 @pytest.fixture(autouse=True)
 def _in_a_folder_of_its_own(tmp_path, monkeypatch):
-    """An empty folder, servers that are not waited for, and a table of closure kinds that a page may add to."""
-    kinds = dict(CLOSURE_KINDS)
+    """An empty folder, servers that are not waited for, and tables that a page may add to."""
+    tables = [(table, dict(table)) for table in (CLOSURE_KINDS, FORMATS)]
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr("webbrowser.open", lambda url: True)
@@ -22,8 +22,9 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     for served in (visualization.Viewer, Studio):
         monkeypatch.setattr(served, "wait", lambda opened: None)
     yield
-    CLOSURE_KINDS.clear()
-    CLOSURE_KINDS.update(kinds)
+    for table, entries in tables:
+        table.clear()
+        table.update(entries)
 
 
 LONG = {"docs/howto/workspace.md", "docs/pictures.md"}

@@ -7,7 +7,7 @@ import pytest
 
 import ccpin
 from ccpin.description import CLOSURE_KINDS
-from ccpin.description.loop_elements import READERS
+from ccpin.description.urdf.loop_elements import READERS
 from tests.support.places import ROOT
 
 FOLDER = ROOT / "docs" / "elements"

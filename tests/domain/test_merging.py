@@ -9,7 +9,7 @@ import ccpin
 from ccpin import domain
 from ccpin.cli import main
 from ccpin.domain import Atlas, CellStatus, certified_radius, certify, merge, split_region
-from ccpin.domain.atlas.merging import _between
+from ccpin.domain.atlas.merged import _between
 from ccpin.errors import InvalidInputError
 from tests.oracles import rpdr as oracle
 

@@ -7,7 +7,7 @@ import ccpin
 from ccpin.dynamics import assembly_modes
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.points import joint_poses
-from ccpin.mechanism.alike import Likeness
+from ccpin.mechanism.poses.same_pose import Likeness
 from tests.oracles import rpdr
 from tests.support.walkthrough import file
 

@@ -11,7 +11,7 @@ from ccpin.description import CLOSURE_KINDS, Coupling, CouplingTerm, Inertia, Jo
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
-from ccpin.mechanism.reference import stated_pose
+from ccpin.mechanism.loading.reference_search import stated_pose
 from tests.oracles.finite_differences import along, assert_close, jacobian
 from tests.support.strategies import PLANAR_JOINTS, ROWS, Growth
 

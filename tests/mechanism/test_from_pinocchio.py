@@ -7,11 +7,11 @@ import pinocchio as pin
 import pytest
 
 import ccpin
-from ccpin.description.urdf import read_urdf
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics import scratch
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism import describe_pinocchio
+from tests.support.reading import read_urdf
 from tests.support.sdf_files import COUPLER, ROCKER, four_bar_urdf
 
 URDF = four_bar_urdf()
@@ -203,7 +203,7 @@ def test_a_model_too_large_for_memory_is_refused_by_name(monkeypatch):
     def exhausted(*_):
         raise MemoryError
 
-    monkeypatch.setattr("ccpin.mechanism.analysis.build_tree", exhausted)
+    monkeypatch.setattr("ccpin.mechanism.loading.analysis.build_tree", exhausted)
     with pytest.raises(UnsupportedMechanismError, match=r"rpdr\.urdf: \d+ joints do not fit into memory"):
         ccpin.load("rpdr")
 

@@ -10,7 +10,7 @@ import ccpin
 from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link, LoopClosure, MechanismDescription
 from ccpin.errors import DescriptionError, InvalidInputError
 from ccpin.kinematics.tree import build_tree
-from ccpin.mechanism.reference import stated_pose
+from ccpin.mechanism.loading.reference_search import stated_pose
 from tests.oracles import rpdr as oracle
 from tests.support.strategies import Growth
 

@@ -1,4 +1,4 @@
-"""Which changes to what theorems rest on no test would notice: ``python -m tests.mutants [--only domain/boxes]``."""
+"""Which changes to what theorems rest on no test would notice: ``python -m tests.mutants [--only proof/newton]``."""
 
 from __future__ import annotations
 

@@ -8,6 +8,12 @@ from typing import NamedTuple
 
 FACTORS = (0.5, 0.9, 1.1, 2.0)
 _ZERO = ("0", "0.0")
+_AT_ZERO: dict[type[ast.cmpop], tuple[str, type[ast.cmpop]]] = {
+    ast.Gt: ("0 let in", ast.GtE),
+    ast.Lt: ("0 let in", ast.LtE),
+    ast.GtE: ("0 left out", ast.Gt),
+    ast.LtE: ("0 left out", ast.Lt),
+}
 _WEAKER = 0.5  # what is compared is halved before it is compared
 _OTHERS = {"min": "max", "minimum": "maximum", "any": "all"}
 _OTHERS |= {other: one for one, other in _OTHERS.items()}
@@ -70,9 +76,13 @@ def changes_of(source: str, places: tuple[str, ...]) -> Iterator[Change]:
 
 
 def _within(root: ast.AST) -> list[ast.AST]:
-    """The expressions and statements of a function's body (neither its defaults nor its annotations)."""
-    body = root.body if isinstance(root, ast.FunctionDef) else [root]
-    return [node for statement in body for node in ast.walk(statement)]
+    """The expressions and statements of a function's body (neither its defaults nor any annotations)."""
+    found: list[ast.AST] = list(root.body) if isinstance(root, ast.FunctionDef) else [root]
+    for node in found:
+        fields = ast.iter_fields(node)
+        inner = [value for name, value in fields if name not in ("annotation", "returns")]
+        found += [n for v in inner for n in (v if isinstance(v, list) else [v]) if isinstance(n, ast.AST)]
+    return found
 
 
 def _variants(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
@@ -110,9 +120,13 @@ def _variants(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
     elif isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Add):
         yield f"without {ast.unparse(node.value)}", ast.Pass()
     elif (
-        isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.Gt) and ast.unparse(node.comparators[0]) in _ZERO
+        isinstance(node, ast.Compare)
+        and type(node.ops[0]) in _AT_ZERO
+        and ast.unparse(node.comparators[0]) in _ZERO
+        and len(node.ops) == 1
     ):
-        yield "0 let in", ast.Compare(node.left, [ast.GtE()], node.comparators)
+        what, other = _AT_ZERO[type(node.ops[0])]
+        yield what, ast.Compare(node.left, [other()], node.comparators)
     elif isinstance(node, ast.Compare) and len(node.ops) == 1:
         factor = {ast.Lt: _WEAKER, ast.LtE: _WEAKER, ast.Gt: 1.0 / _WEAKER, ast.GtE: 1.0 / _WEAKER}.get(
             type(node.ops[0])

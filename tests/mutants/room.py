@@ -9,7 +9,7 @@ class Room(NamedTuple):
     """A module's share of the table.
 
     Attributes:
-        module: As ``domain/boxes``.
+        module: As ``proof/newton``.
         places: Its functions, methods (``Class.method``) and constants that are changed.
         tests: Files or tests under tests/ that are to notice it.
         sharpness: (a fragment of a source line, of what is changed there, the reason why it need not be noticed).
@@ -25,7 +25,7 @@ class Excused(NamedTuple):
     """Places of a module on whose numbers no claim rests.
 
     Attributes:
-        module: As ``domain/atlas/tasks``.
+        module: As ``covering/proposals``.
         places: Its functions, methods and constants; empty: the whole module.
         reason: Why a wrong number there makes no claim false (a search that proposes and names what checks it, words,
             files).

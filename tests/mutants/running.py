@@ -28,7 +28,7 @@ SOURCES = ROOT / "src" / "ccpin"
 
 
 def source_of(module: str) -> Path:
-    """The file of a module named from ccpin on, as ``domain/boxes``."""
+    """The file of a module named from ccpin on, as ``proof/newton``."""
     return SOURCES / f"{module}.py"
 
 
@@ -115,14 +115,14 @@ def _apply(module: str, change: Change) -> None:
         if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name | ast.Tuple):
             fresh = dict(vars(original))
             exec(compile(ast.Module([statement], []), path, "exec"), fresh)
-            for name in (n.id for n in ast.walk(statement.targets[0]) if isinstance(n, ast.Name)):
-                _rebind(name, vars(original)[name], fresh[name])
+            names = [n.id for n in ast.walk(statement.targets[0]) if isinstance(n, ast.Name)]
+            for name in names:
+                if change.place in names or isinstance(fresh[name], float | tuple):
+                    _rebind(name, vars(original)[name], fresh[name])
 
 
 def _rebind(name: str, old: object, new: object) -> None:
-    """Bind a changed number wherever the old one is bound by import."""
-    if not isinstance(new, float | tuple) or new == old:
-        return
+    """Bind a changed constant wherever the old one is bound by import."""
     for module in [m for k, m in sys.modules.items() if k.startswith("ccpin")]:
         if vars(module).get(name) is old:
             setattr(module, name, new)

@@ -182,7 +182,7 @@ def ask_everything(kernel: Any, numbers: dict[str, Any], rng: np.random.Generato
 
 def _ask_for_runs(kernel: Any, near: np.ndarray, sizes: tuple[int, ...], rng: np.random.Generator) -> int:
     """Short runs with each integrator, and with a spoilt law, run or tableau; some that may leave their coordinates."""
-    from ccpin.simulation.in_core import TABLEAUX
+    from ccpin.simulation.integration.core_numbers import TABLEAUX
 
     n_q, n, nv, motors = sizes
     zero, kinds = np.zeros(n * n).tolist(), ["constant", "pd", "pd_gravity", "computed_torque", "pd_plus"]

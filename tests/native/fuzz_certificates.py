@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ccpin.domain.atlas.cells import CellTree
-from ccpin.domain.boxes import certify_boxes
+from ccpin.covering.cells import CellTree
+from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.domain.closures.system import reading_of
 from ccpin.errors import CcpinError
 from ccpin.native._core import Certifier, contacts

@@ -22,7 +22,7 @@ from ccpin.description import (
 )
 from ccpin.description.closure_kinds import GAP, Fixed, LoopRows, Product, X, Y, Z
 from ccpin.dynamics.wrenches import wrench_rows
-from ccpin.simulation.forces import _Acting, _Bearings
+from ccpin.simulation.results.forces import _Bearings, _LoadCase
 from tests.support import agreement
 from tests.support.agreement import (
     allowed,
@@ -264,10 +264,10 @@ def compare_bearings(model, kernel, rng, states):
         numbers = kernel.bearing_forces(state.q_free, v, u, None, wrench_rows(model.mechanism.tree, pushed))
         bearings = _Bearings(model)
         for found, theirs in zip(numbers, (bearings.of_closures, bearings.of_joints), strict=False):
-            loads = theirs(state, _Acting(v, u, pushed, None))
+            loads = theirs(state, _LoadCase(v, u, pushed, None))
             limit = allowed("constraint_forces", 1.0 / state.rcond, float(np.linalg.cond(state.D)), 0.0)
             assert relative(found, loads.wrench) <= 10 * limit
-        assert relative(numbers[2][1:, :3, 3], bearings.of_joints(state, _Acting(v, u, pushed, None)).point) <= 1e-12
+        assert relative(numbers[2][1:, :3, 3], bearings.of_joints(state, _LoadCase(v, u, pushed, None)).point) <= 1e-12
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)

@@ -14,8 +14,8 @@ import pytest
 import ccpin
 from ccpin import native
 from ccpin.errors import InvalidInputError, UnderactuatedError
-from ccpin.kinematics.clusters import clusters
-from ccpin.simulation.in_core import TABLEAUX
+from ccpin.kinematics.clusters import find_clusters
+from ccpin.simulation.integration.core_numbers import TABLEAUX
 from tests.support.agreement import reference_model, relative
 
 native_only = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
@@ -215,9 +215,9 @@ def test_a_kernel_is_pickled_by_its_numbers(delta):
 def test_clusters_of_a_tree():
     """Ties join what lies between them; a lone joint is a cluster; parents come first."""
     parents = [0, 0, 1, 2, 1, 4, 0, 6]
-    assert [tuple(c) for c in clusters(parents, [[3, 5]])] == [(0, [1]), (1, [2, 3, 4, 5]), (0, [6]), (6, [7])]
-    assert [tuple(c) for c in clusters(parents, [[3, 7]])] == [(0, [1, 2, 3, 6, 7]), (1, [4]), (4, [5])]
-    assert [tuple(c) for c in clusters(parents, [])] == [(p, [j]) for j, p in enumerate(parents) if j]
+    assert [tuple(c) for c in find_clusters(parents, [[3, 5]])] == [(0, [1]), (1, [2, 3, 4, 5]), (0, [6]), (6, [7])]
+    assert [tuple(c) for c in find_clusters(parents, [[3, 7]])] == [(0, [1, 2, 3, 6, 7]), (1, [4]), (4, [5])]
+    assert [tuple(c) for c in find_clusters(parents, [])] == [(p, [j]) for j, p in enumerate(parents) if j]
 
 
 def test_backend_is_chosen_by_the_environment(monkeypatch):

@@ -13,9 +13,10 @@ from ccpin.control.sampling import SampledCommands, Sampling
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus
 from ccpin.dynamics import Wrench
 from ccpin.dynamics.wrenches import wrench_rows
-from ccpin.simulation import Settling, Stop, stepper
-from ccpin.simulation.happenings import Moment
-from ccpin.simulation.in_core import run_in_core
+from ccpin.simulation import Settling, Stop
+from ccpin.simulation.events.watches import Instant
+from ccpin.simulation.integration import simulator
+from ccpin.simulation.integration.core_runs import run_in_core
 from tests.support.agreement import reference_model
 
 pytestmark = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
@@ -31,7 +32,7 @@ def in_core(
     numbers |= {"lower": [-most] * model.n_actuated, "upper": [most] * model.n_actuated}
     loop = sampling and SampledCommands(model, law, sampling, q0, np.zeros(model.n))
     numbers |= {"sampling": loop and loop.numbers()}
-    found = run_in_core(model, law, method, Moment(0.0, model.at(q0), np.zeros(model.n)), numbers, settling)
+    found = run_in_core(model, law, method, Instant(0.0, model.at(q0), np.zeros(model.n)), numbers, settling)
     if found is None:
         return None
     stop = found.stop or Stop("finished", f"simulated {duration:.6g} s")
@@ -130,7 +131,8 @@ def test_what_the_core_leaves_to_the_reference(rpdr_model):
     q0, _ = ends(rpdr_model)
     assert in_core(rpdr_model, TorqueFunction(lambda t, q, v: np.zeros(2)), q0, 0.1) is None
     assert in_core(rpdr_model, NoTorque(rpdr_model), q0, 0.1, method="Radau") is None
-    own = type("Own", (PDFullGravity,), {})(rpdr_model, q0, [50.0, 50.0], [5.0, 5.0])
+    still = {"torque_at": lambda self, t, state, v: np.zeros(2)}
+    own = type("Own", (PDFullGravity,), still)(rpdr_model, q0, [50.0, 50.0], [5.0, 5.0])
     assert in_core(rpdr_model, own, q0, 0.1) is None
     theirs = reference(rpdr_model, None, q0, duration=3.0, sample_period=0.01)
     if theirs.status != "finished":
@@ -223,7 +225,7 @@ def test_simulate_asks_the_core_for_them(rpdr_model, monkeypatch):
         asked.append(run_in_core(*arguments))
         return asked[-1]
 
-    monkeypatch.setattr(stepper, "run_in_core", spy)
+    monkeypatch.setattr(simulator, "run_in_core", spy)
     q0, _ = ends(rpdr_model)
     law, link = a_law(rpdr_model, "simple"), sorted(rpdr_model.mechanism.tree.attachments)[1]
     still = {link: [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]}

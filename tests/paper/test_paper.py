@@ -9,8 +9,8 @@ from ccpin import paper
 from ccpin.cli import main
 from ccpin.errors import InvalidInputError
 from ccpin.paper import control as control_items
-from ccpin.paper import domain as domain_items
 from ccpin.paper import modeling, printed, reduced, robot, study
+from ccpin.paper import omega as domain_items
 from tests.oracles import rpdr as oracle
 from tests.support.browser import click, opened
 

@@ -7,7 +7,7 @@ from PIL import Image
 import ccpin
 from ccpin import plotting
 from ccpin.errors import InvalidInputError
-from ccpin.mechanism.outline import outline, plane_of_motion
+from ccpin.mechanism.wireframe import outline, plane_of_motion
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccpin.domain.boxes import certify_boxes
+from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.domain.closures.seeds import seed_at_configuration
 from ccpin.proof.equations import Requirements, closure_values
 from ccpin.proof.newton import predict

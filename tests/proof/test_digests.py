@@ -15,11 +15,12 @@ import pytest
 import ccpin
 from ccpin import control, domain, plotting, simulation, validated
 from ccpin.control import PDFullGravity, PDSimpleGravity, PointToPoint, TorqueFunction
+from ccpin.covering import runner, sources
+from ccpin.covering.proposals import tasks
 from ccpin.description import scaled
-from ccpin.domain.atlas import code, run, tasks
 from ccpin.errors import CcpinError, DifferentSubjectsError
 from ccpin.proof.digests import Digests, UndigestedError, digest, require_same
-from ccpin.simulation import saving
+from ccpin.simulation.results import saving
 
 GOAL, GAINS = [-1.57, -1.75], ([11.0, 11.0], [0.65, 0.60])
 REGION = (np.array([-1.65, -1.85]), np.array([-1.5, -1.65]))
@@ -176,6 +177,7 @@ ALLOWED = {
     "SheetAtlas.is_about": "asks just that",
     "SingularCover.is_about": "asks just that",
     "Mechanism": "made by load only",
+    "TrackingCertificate": "made by certify_tracking only, with the tube of its law's reference",
     "describe_pinocchio": "two of Pinocchio's own",
     "write": "one mechanism and a path",
     "Subject.facts": "the studio's own",
@@ -347,7 +349,7 @@ def test_a_mended_proof_does_not_use_what_its_predecessor_kept(rpdr, tmp_path, m
     """Chunks kept by code that calls nothing proved are not found by the code that does."""
     honest = domain.certify(rpdr, GOAL, REGION)
     with monkeypatch.context() as wrong:
-        wrong.setattr(run, "code_digest", lambda: b"another code")
+        wrong.setattr(runner, "code_digest", lambda: b"another code")
         wrong.setattr(tasks, "meets", lambda problem, boxes: np.zeros(len(boxes.kappa), dtype=np.bool_))
         assert domain.certify(rpdr, GOAL, REGION, max_depth=3, checkpoint=tmp_path).certified_fraction == 0.0
     assert list(tmp_path.glob("*.npz"))
@@ -357,8 +359,8 @@ def test_a_mended_proof_does_not_use_what_its_predecessor_kept(rpdr, tmp_path, m
 
 def test_the_backend_counts(monkeypatch):
     """What NumPy computed is not taken for the core's."""
-    own = code.code_digest()
+    own = sources.code_digest()
     monkeypatch.setenv("CCPIN_BACKEND", "numpy")
-    plain = code.code_digest()
+    plain = sources.code_digest()
     monkeypatch.delenv("CCPIN_BACKEND")
     assert (plain != own) == (ccpin.backend().name == "native")

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin.covering.cells import CellStatus
+from ccpin.covering.proposals.krawczyk import certify_points
 from ccpin.domain import certify
-from ccpin.domain.atlas import build, claims
-from ccpin.domain.atlas.cells import CellStatus
-from ccpin.domain.boxes import certify_points
+from ccpin.domain.atlas import cover as build
+from ccpin.domain.atlas import cover_claims
 from ccpin.proof.covers import over_region
 from ccpin.proof.demanded import Demanded
 from ccpin.proof.equations import Closures, closures_of
@@ -450,32 +451,32 @@ def test_a_search_that_glues_nothing(rpdr, monkeypatch):
 
 def test_a_search_that_leaves_cells_out(rpdr, monkeypatch):
     """A cell that was not proved is called certified."""
-    honest = claims.proved_cover
+    honest = cover_claims.proved_cover
 
     def dropped(problem, region, tree, *rest):
         leaves = tree.leaves(CellStatus.CERTIFIED)
         tree.box[leaves[0]] = -1
         return honest(problem, region, tree, *rest)
 
-    from ccpin.domain.atlas import survey
+    from ccpin.domain.atlas import certifying
 
-    monkeypatch.setattr(survey, "proved_cover", dropped)
+    monkeypatch.setattr(certifying, "proved_cover", dropped)
     found = certified(rpdr)
     assert found.verdict != "proven"
 
 
 def test_a_search_from_another_seed(rpdr, monkeypatch):
     """The seed is another assembly mode's: no box carries it."""
-    from ccpin.domain.atlas import survey
+    from ccpin.domain.atlas import certifying
 
-    honest = claims.proved_cover
+    honest = cover_claims.proved_cover
 
     def elsewhere(problem, region, tree, seed, *rest):
         other = seed.copy()
         other[problem.system.dependent] *= -1.0
         return honest(problem, region, tree, other, *rest)
 
-    monkeypatch.setattr(survey, "proved_cover", elsewhere)
+    monkeypatch.setattr(certifying, "proved_cover", elsewhere)
     found = certified(rpdr)
     assert found.verdict != "proven"
     assert not len(found.proved.cover.found["seed"])

@@ -1,55 +1,18 @@
 """Lemma R where its bounds are attained: images of couplings, lengths in a line, limits, what is not seen."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.proof.chains import Chain
 from ccpin.proof.ranges import NO_LIMIT, Ranges, Reason, ranges_of, ranges_over
-
-X, Y, Z = np.eye(3)
-_NONE = [-NO_LIMIT, NO_LIMIT]
+from tests.support.chains import NONE, X, Y, Z, chain, closures, leg_and_anchor, planar
 
 
-def chain(joints, weights, tip=(0.0, 0.0, 0.0)):
-    """A chain of (coordinate, link before it, axis, whether it slides), unturned."""
-    numbers, links, axes, slides = zip(*joints, strict=True)
-    turns = np.tile(np.eye(3), (len(joints), 1, 1))
-    tip = np.array(tip, dtype=float)
-    return Chain(
-        np.array(numbers), turns, np.array(links, dtype=float), np.array(axes), np.array(slides), tip, False, weights
-    )
-
-
-def closures(chains, size, independent, couplings=(), offset=(), moduli=()):
-    """φ of chains, and of rows of couplings behind theirs."""
-    rows = max([len(c.weights) for c in chains], default=0)
-    linear = np.zeros((rows + len(couplings), size))
-    linear[rows:] = np.reshape(couplings, (-1, size))
-    chains = [c._replace(weights=np.vstack([c.weights, np.zeros((len(couplings), 3))])) for c in chains]
-    total = np.zeros(len(linear))
-    total[: len(offset)] = offset
-    slides = np.zeros(size, dtype=bool)
-    for c in chains:
-        slides[c.joints[c.prismatic]] = True
-    return SimpleNamespace(
-        chains=chains,
-        couplings=linear,
-        offset=total,
-        moduli=np.array([*moduli, *np.zeros(len(linear) - len(moduli))]),
-        independent=np.array(independent),
-        dependent=np.setdiff1d(np.arange(size), independent),
-        periodic=~slides & ~np.any(linear != 0.0, axis=0),
-    )
-
-
-def found(system, lower, upper, limits=None):
-    limits = np.tile(_NONE, (len(system.dependent), 1)) if limits is None else np.array(limits)
+def found(system, lower, upper, limits=None, middle=0.0):
+    limits = np.tile(NONE, (len(system.dependent), 1)) if limits is None else np.array(limits)
     names = [f"joint{j}" for j in range(len(system.periodic))]
     region = np.array(lower, dtype=float), np.array(upper, dtype=float)
-    return ranges_of(system, np.zeros(len(system.periodic)), region, limits, names)
+    return ranges_of(system, np.full(len(system.periodic), middle), region, limits, names)
 
 
 def assert_ends(ranges, lower, upper):
@@ -74,10 +37,6 @@ def test_rows_known_modulo_something_bound_nothing():
     """A relation of angles on circles says nothing of how often they turn."""
     with pytest.raises(UnsupportedMechanismError, match="'joint1' has no range"):
         found(closures([], 2, [0], [[1.0, -1.0]], [0.0], [2.0 * np.pi]), [0.0], [1.0])
-
-
-def planar(joints, tip):
-    return chain(joints, np.array([X, Y]), tip)
 
 
 def test_lengths_bound_a_slide_by_all_links_in_a_line():
@@ -131,7 +90,7 @@ def test_limits_are_ends_where_nothing_else_is_nearer():
     leg = planar([(1, np.zeros(3), Z, False), (2, np.zeros(3), X, True)], np.zeros(3))
     anchor = chain([(0, np.zeros(3), X, True)], -np.array([X, Y]))
     system = closures([leg, anchor], 3, [0])
-    ranges = found(system, [1.0], [6.0], [_NONE, [0.0, 9.0]])
+    ranges = found(system, [1.0], [6.0], [NONE, [0.0, 9.0]])
     assert ranges.reasons[1].tolist() == [Reason.LIMIT, Reason.LENGTHS]
     assert ranges.lower[1] == 0.0
     low, high = np.array([[-4.0, 1e-10]]), np.array([[4.0, 5.0]])
@@ -149,6 +108,166 @@ def test_limits_of_one_joint_bound_what_is_coupled_to_it():
     system.dependent = np.array([1, 2])
     with pytest.raises(UnsupportedMechanismError, match="'joint1' has no range"):
         found(system, [0.0], [1.0])
-    ranges = found(system, [0.0], [1.0], [_NONE, [-8.0, 4.0]])
+    ranges = found(system, [0.0], [1.0], [NONE, [-8.0, 4.0]])
     assert_ends(Ranges(ranges.lower[:1], ranges.upper[:1], ranges.reasons[:1], ranges.limits[:1]), [-2.0], [1.0])
     assert ranges.reasons.tolist() == [2 * [Reason.COUPLING], 2 * [Reason.LIMIT]]
+
+
+def of(lower, upper, reasons):
+    return Ranges(np.array(lower), np.array(upper), np.array(reasons, dtype=np.int8), np.tile(NONE, (len(lower), 1)))
+
+
+def test_at_a_limit_is_within_a_billionth():
+    """Of one more than the larger end."""
+    ranges = of([-3.0, -0.5], [1.0, 2.0], [[Reason.LIMIT, Reason.COUPLING], [Reason.LENGTHS, Reason.LIMIT]])
+    np.testing.assert_allclose(ranges.edge, [4e-9, 3e-9], rtol=1e-12)
+    inside = np.array([-2.0, 0.0]), np.array([0.5, 1.0])
+    for axis, side, end, edge in ((0, 0, -3.0, 4e-9), (1, 1, 2.0, 3e-9)):
+        for share, meets in ((0.999, True), (1.001, False)):
+            box = [corner.copy()[None] for corner in inside]
+            box[side][0, axis] = end + (1.0 - 2.0 * side) * share * edge
+            assert ranges.at_limit(*box).tolist() == [meets]
+            box[side][0, axis] = end - (1.0 - 2.0 * side)
+            assert ranges.at_limit(*box).tolist() == [True]
+    beyond = np.array([[-2.0, -0.5]]), np.array([[1.0, 1.0]])  # ends that are derived are none
+    assert ranges.at_limit(*beyond).tolist() == [False]
+
+
+def test_full_turns_are_about_their_middle():
+    arm = planar([(1, np.zeros(3), Z, False)], X)
+    anchor = chain([(0, np.zeros(3), X, True)], -np.array([X, Y]))
+    system = closures([arm, anchor], 2, [0])
+    for middle in (0.0, 5.0):
+        ranges = found(system, [0.5], [1.0], middle=middle)
+        for same in (ranges, ranges_over(system, ranges, (np.array([0.5]), np.array([0.7])))):
+            np.testing.assert_allclose([same.lower, same.upper], [[middle - np.pi], [middle + np.pi]], rtol=1e-15)
+
+
+def test_one_end_is_no_range():
+    arm = planar([(1, np.zeros(3), X, True)], X)
+    for limits in ([-NO_LIMIT, 4.0], [-4.0, NO_LIMIT]):
+        with pytest.raises(UnsupportedMechanismError, match="'joint1' has no range"):
+            found(closures([arm._replace(direction=True)], 2, [0]), [0.0], [1.0], [limits])
+
+
+@pytest.mark.parametrize("what", ["slide", "coupled", "not periodic"])
+def test_only_plain_angles_have_a_full_turn(what):
+    """Whatever is called periodic."""
+    arm = planar([(1, np.zeros(3), X if what == "slide" else Z, what == "slide"), (2, X, Z, False)], X)
+    rows = [[0.0, 0.0, 1.0, 0.0], [0.0, 1.0 * (what == "coupled"), 0.0, 0.0]]
+    system = closures([arm._replace(direction=True)], 4, [0, 3], rows, moduli=[0.0, 0.0, 1.0, 1.0])
+    system.periodic[:] = True
+    system.periodic[1] = what != "not periodic"
+    with pytest.raises(UnsupportedMechanismError, match="'joint1' has no range"):
+        found(system, [0.0, 0.0], [1.0, 1.0], [NONE, [-1.0, 1.0]])
+    ranges = found(system, [0.0, 0.0], [1.0, 1.0], [[-2.0, 3.0], [-1.0, 1.0]])
+    assert ranges.turning.tolist() == [False, False]
+    np.testing.assert_allclose([ranges.lower, ranges.upper], [[-2.0, -1.0], [3.0, 1.0]])
+
+
+def test_images_are_widened_by_a_millionth():
+    """Of one more than the larger end, whichever it is; another end, of a limit, stays."""
+    for sign in (-1.0, 1.0):
+        system = closures([], 2, [0], [[5.0, sign]], [1.0])
+        low, high = sorted([sign * 9.0, -sign * 16.0])
+        ranges = found(system, [-2.0], [3.0])
+        np.testing.assert_allclose([ranges.lower[0], ranges.upper[0]], [low - 17e-6, high + 17e-6], rtol=0, atol=1e-12)
+    wide, top = [-10.0, 30.0], 16.0 + 17e-6
+    system = closures([], 2, [0], [[5.0, -1.0]], [1.0])
+    for limits, ends, reasons in (
+        (wide, (-9.0 - 17e-6, top), 2 * [Reason.COUPLING]),
+        ([10.0, 30.0], (10.0, top), [Reason.LIMIT, Reason.COUPLING]),
+        ([-30.0, -5.0], (-9.0 - 17e-6, -5.0), [Reason.COUPLING, Reason.LIMIT]),
+        ([20.0, 30.0], (20.0, 30.0), 2 * [Reason.LIMIT]),  # nothing in common: no such configuration
+        ([-30.0, -20.0], (-30.0, -20.0), 2 * [Reason.LIMIT]),
+    ):
+        ranges = found(system, [-2.0], [3.0], [limits])
+        np.testing.assert_allclose([ranges.lower[0], ranges.upper[0]], ends, rtol=0, atol=1e-12)
+        assert ranges.reasons[0].tolist() == reasons
+
+
+@pytest.mark.parametrize("what", ["chain", "one of two chains", "modulo"])
+def test_rows_that_chains_enter_are_no_couplings(what):
+    arm = chain([(0, np.zeros(3), Z, False)], np.array([X]), X)
+    idle = arm._replace(weights=np.zeros((1, 3)))
+    system = closures([arm if "chain" in what else idle, idle], 2, [0])
+    system.couplings[0] = [1.0, -1.0]
+    system.moduli[0] = what == "modulo"
+    for limits, good in (([[-1.0, 1.0]], True), (None, False)):
+        if good:
+            assert found(system, [-0.5], [0.5], limits).upper[0] == 1.0
+        else:
+            with pytest.raises(UnsupportedMechanismError):
+                found(system, [-0.5], [0.5], limits)
+
+
+def bounds(system, most):
+    """Whether the slide is bounded just so, or (None) not at all."""
+    if most is None:
+        with pytest.raises(UnsupportedMechanismError, match="'joint1' has no range"):
+            found(system, [1.0], [6.0])
+    else:
+        ranges = found(system, [1.0], [6.0])
+        assert_ends(ranges._replace(lower=ranges.lower[:1], upper=ranges.upper[:1]), [-most], [most])
+
+
+def test_only_rows_of_points_alone_bound_slides():
+    """Not those that a coupling enters, that hold modulo something, or that a direction enters."""
+    bounds(leg_and_anchor(), 6.0)
+    for row in (0, 1):
+        system = leg_and_anchor()
+        system.couplings[row, 0] = 1.0
+        bounds(system, None)
+        system = leg_and_anchor()
+        system.moduli[row] = 1.0
+        bounds(system, None)
+    for k in (0, 1):
+        system = leg_and_anchor()
+        system.chains[k] = system.chains[k]._replace(direction=True)
+        bounds(system, None)
+    system = leg_and_anchor()
+    compass = chain([(0, np.zeros(3), Z, False)], np.array([Z * 0.0, Z * 0.0, X]), X)._replace(direction=True)
+    system.chains = [c._replace(weights=np.vstack([c.weights, np.zeros(3)])) for c in system.chains] + [compass]
+    system.couplings, system.offset, system.moduli = np.zeros((3, 2)), np.zeros(3), np.zeros(3)
+    bounds(system, 6.0)
+
+
+@pytest.mark.parametrize(
+    ("weights", "turns", "most"),
+    [
+        ([X, Y], [Z], 6.0),
+        ([X], [Z], None),  # one row sees a slide turned
+        ([2.0 * X, Y], [Z], None),
+        ([X, Y], [Y], None),
+        ([X, Y], [Y, Z], None),
+        ([X, Y], [Z, Y], None),
+        ([2.0 * X, Y], [], 6.0),
+        ([X, Y, Z], [Y, Z], 6.0),
+        ([2.0 * X, Y, Z], [Y], None),
+    ],
+)
+def test_what_rows_see_behind_turns(weights, turns, most):
+    bounds(leg_and_anchor(np.array(weights), turns), most)
+
+
+def test_tips_are_seen_as_long_as_they_are():
+    """In the plane of two rows, through weights of their own, and, where a turn is in the way, times their norm."""
+    bounds(leg_and_anchor(tip=(0.0, 2.0, 7.0)), 8.0)
+    bounds(leg_and_anchor(np.array([4.0 * X, Y]), tip=(0.0, 2.0, 7.0)), 6.5)
+    for axis, most in ((Z, 8.0), (Y, 6.0 + np.sqrt(53.0))):
+        leg = planar([(1, np.zeros(3), X, True)], np.zeros(3))
+        turn = chain([(0, np.zeros(3), X, True), (2, np.zeros(3), axis, False)], -np.array([X, Y]), (0.0, 2.0, 7.0))
+        bounds(closures([leg, turn], 3, [0]), most)
+
+
+def test_more_slides_than_rows_have_no_bound():
+    """Three in a plane may go far and cancel."""
+    slides = [(k, np.zeros(3), axis, True) for k, axis in ((1, X), (2, Y), (3, (X + Y) / np.sqrt(2.0)))]
+    anchor = chain([(0, np.zeros(3), X, True)], -np.array([X, Y]))
+    bounds(closures([planar(slides, np.zeros(3)), anchor], 4, [0]), None)
+
+
+def test_offsets_of_points_are_lengths_too():
+    system = leg_and_anchor()
+    system.offset[:] = [3.0, 4.0]
+    bounds(system, 11.0)

@@ -5,8 +5,8 @@ import pytest
 
 import ccpin
 from ccpin import domain
+from ccpin.covering.proposals.platforms import platform_empty
 from ccpin.domain import CellStatus, certify
-from ccpin.domain.atlas.platform import platform_empty
 from ccpin.domain.closures.system import reading_of
 from ccpin.proof.chains import Chain, stack_chains
 from ccpin.proof.emptiness import drift, platform_of

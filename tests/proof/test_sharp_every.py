@@ -7,7 +7,7 @@ import pytest
 from flint import arb
 
 from ccpin.auditing.boxes import contracts
-from ccpin.control.stability.storage import _inverted
+from ccpin.control.stability.tracking.storage import _inverted
 from ccpin.proof import narrowing, newton
 from ccpin.proof.balls import Affine, inverse, product
 from ccpin.proof.newton import holds, noise_of, proved_within, reached

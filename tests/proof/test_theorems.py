@@ -9,7 +9,7 @@ import pytest
 
 import ccpin
 from ccpin import auditing
-from ccpin.domain.documents import ATLAS, CURVES, SHEETS
+from ccpin.domain.documents.kinds import ATLAS, CURVES, SHEETS
 from ccpin.proof.theorems import theorem, theorems
 
 FOLDER = Path(ccpin.__file__).parent / "proof" / "theorems"

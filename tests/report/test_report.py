@@ -10,11 +10,11 @@ import ccpin
 from ccpin import report
 from ccpin.cli import main
 from ccpin.errors import InvalidInputError
-from ccpin.report import domain, experiment
+from ccpin.report import set_point_move, validity
 from tests.support.browser import opened
 from tests.support.places import SHARED
 
-QUICK = report.Settings(modes_budget=0.5, depth=3, grid=5, duration=0.3)
+QUICK = report.ReportSettings(modes_budget=0.5, depth=3, grid=5, duration=0.3)
 
 
 def written(mechanism, folder, settings=QUICK):
@@ -101,7 +101,7 @@ def test_a_goal_that_cannot_be_reached_is_an_error(tmp_path):
 def test_with_too_few_motors_it_is_released(tmp_path):
     """No set-point law, and the reason; the motion is a free one."""
     mechanism = ccpin.load("rpdr", actuated=["joint1"])
-    found = experiment.run(ccpin.ReducedModel(mechanism), QUICK)
+    found = set_point_move.run(ccpin.ReducedModel(mechanism), QUICK)
     assert found.goal is None
     assert "Released at rest" in found.words
     assert found.motion.status == "finished"
@@ -115,7 +115,7 @@ def test_the_goal_beside_the_start_is_on_the_branch():
         mechanism = ccpin.load(name)
         model = ccpin.ReducedModel(mechanism)
         start = model.alpha(mechanism.q_reference)
-        goal = experiment.beside(model, start)
+        goal = set_point_move.beside(model, start)
         state = model.at(goal)
         low, high = mechanism.position_limits
         assert np.all((low <= state.q_free) & (state.q_free <= high)), name
@@ -126,7 +126,7 @@ def test_the_goal_beside_the_start_is_on_the_branch():
 def test_slices_are_the_conditioning_of_psi():
     """Every reached point has the 1/κ of σ there; the reference is the middle; beyond a singularity is nothing."""
     model = ccpin.ReducedModel(ccpin.load("delta"))
-    x, y, values = domain.survey(model, (0, 2), 4)
+    x, y, values = validity.survey(model, (0, 2), 4)
     assert len(x) == len(y) == 5
     q0 = model.alpha(model.mechanism.q_reference)
     assert (x[2], y[2]) == pytest.approx((q0[0], q0[2]), abs=1e-12)
@@ -136,7 +136,7 @@ def test_slices_are_the_conditioning_of_psi():
                 q = np.array([x[i], q0[1], y[j]])
                 assert values[i, j] == pytest.approx(model.at(q).rcond, rel=1e-6)
     wide = ccpin.ReducedModel(ccpin.load("stewart"))
-    assert np.isnan(domain.survey(wide, (0, 1), 25)[2]).any()
+    assert np.isnan(validity.survey(wide, (0, 1), 25)[2]).any()
 
 
 def test_the_command(tmp_path, capsys):

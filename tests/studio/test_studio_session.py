@@ -13,12 +13,12 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.errors import InvalidInputError
-from ccpin.studio import Session, Subject, experiment
-from ccpin.studio.branches import Branches
+from ccpin.studio import Session, Subject, recorded_run
 from ccpin.studio.cache import Cache, fingerprint
-from ccpin.studio.chart import Charted, cells_of
 from ccpin.studio.dials import Dials
 from ccpin.studio.jobs import Cancelled, Jobs
+from ccpin.studio.map_pieces import Charted, cells_of
+from ccpin.studio.modes_here import Branches
 from tests.support.places import SHARED
 
 
@@ -251,7 +251,7 @@ def test_the_sublevel_is_certified_and_its_edge_is_at_c(subjects):
     assert levels == pytest.approx([found["level"]] * len(levels), rel=5e-3)
 
 
-@pytest.mark.parametrize("law", list(experiment.LAWS))
+@pytest.mark.parametrize("law", list(recorded_run.LAWS))
 def test_experiments_are_simulate(subjects, law):
     """A run in pieces is the motion of one `simulate`; 𝒱 never rises; the motion is played in the scene."""
     desk = Desk(subjects("rpdr"))
@@ -264,8 +264,8 @@ def test_experiments_are_simulate(subjects, law):
     motion = desk.result("motion", "simulate", **asked)
     assert motion["status"] == "finished"
     model = desk.subject.model
-    plan = experiment.Plan.of(asked, model.at(goal))
-    whole = ccpin.simulate(model, experiment.law_of(model, plan, model.at(start)), start, duration=0.8)
+    plan = recorded_run.RunPlan.of(asked, model.at(goal))
+    whole = ccpin.simulate(model, recorded_run.law_of(model, plan, model.at(start)), start, duration=0.8)
     assert motion["t"][-1] == pytest.approx(0.8)
     assert [row[-1] for row in motion["q"]] == pytest.approx(whole.q[-1], abs=1e-7)
     assert np.abs(np.array([row[-1] for row in motion["q"]]) - goal).max() < 0.05

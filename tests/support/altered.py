@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from ccpin.auditing import document
+from ccpin.auditing import reading
 from ccpin.containers import checksum
 
 
@@ -20,7 +20,7 @@ def changed(path, tmp_path, change, stamp=True, **header):
         n: {"dtype": str(a.dtype), "shape": a.shape, "data": a.ravel().tolist()} for n, a in arrays.items()
     }
     if stamp:
-        whole["fingerprint"] = document.fingerprint(arrays)
+        whole["fingerprint"] = reading.fingerprint(arrays)
     whole |= header
     said = {name: value for name, value in whole.items() if name != "arrays"}
     whole["checksum"] = checksum(said, arrays)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ccpin.visualization.browser import Page
+from ccpin.visualization.browser import BrowserPage
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
@@ -37,35 +37,35 @@ def chromium() -> str:
 
 
 @contextmanager
-def opened(url: str, width: int = 900, height: int = 600) -> Iterator[Page]:
+def opened(url: str, width: int = 900, height: int = 600) -> Iterator[BrowserPage]:
     """The page in a browser, shown once; afterwards its console must be clean."""
     pytest.importorskip("choreographer")
     chromium()
-    with Page(url, width, height) as page:
+    with BrowserPage(url, width, height) as page:
         settle(page)
         yield page
         assert not page.problems, page.problems[:5]
 
 
-def settle(page: Page, milliseconds: int = 0) -> None:
+def settle(page: BrowserPage, milliseconds: int = 0) -> None:
     """Wait until what the page draws next is on the screen."""
     frames = "requestAnimationFrame(() => requestAnimationFrame(() => done(true)))"
     page.evaluate(f"new Promise(done => setTimeout(() => {frames}, {milliseconds}))")
 
 
-def pixels(page: Page) -> NDArray[np.float64]:
+def pixels(page: BrowserPage) -> NDArray[np.float64]:
     """What the page shows, of shape (height, width, 3), values in [0, 1]."""
     return np.asarray(matplotlib.image.imread(io.BytesIO(page.picture())), dtype=np.float64)[..., :3]
 
 
-def press(page: Page, key: str) -> None:
+def press(page: BrowserPage, key: str) -> None:
     """A key, as from the keyboard."""
     text = {"text": key} if len(key) == 1 else {}
     for kind in ("keyDown", "keyUp"):
         page.command("Input.dispatchKeyEvent", {"type": kind, "key": key, **(text if kind == "keyDown" else {})})
 
 
-def click(page: Page, selector: str) -> None:
+def click(page: BrowserPage, selector: str) -> None:
     """The left mouse button on the middle of an element."""
     box = f"document.querySelector({selector!r}).getBoundingClientRect()"
     x, y = page.evaluate(f"(box => [box.left + box.width / 2, box.top + box.height / 2])({box})")

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from ccpin.description.mjcf.reader import read_mjcf
+from tests.support.reading import read_mjcf
 
 ARM = """
 <mujoco><compiler angle="radian"/><worldbody>

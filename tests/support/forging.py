@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ccpin.auditing import document
+from ccpin.auditing import reading
 from ccpin.auditing.declared import ATLAS, CURVES, SHEETS
 from ccpin.containers import checksum
 from ccpin.domain import Atlas, CellStatus, SheetAtlas, SingularCover
@@ -36,7 +36,7 @@ class Forgery(NamedTuple):
 
     def save(self, path):
         """Write it as npz, its fingerprint and checksum made right."""
-        header = self.header | {"fingerprint": document.fingerprint(self.arrays)}
+        header = self.header | {"fingerprint": reading.fingerprint(self.arrays)}
         header["checksum"] = checksum(header, self.arrays)
         text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
         np.savez(path, header=text, **self.arrays)
@@ -192,7 +192,9 @@ class Closures:
 
     def __init__(self, made):
         a = made.arrays
-        self.chains = [{n: a[f"chain{k}_{n}"] for n in document.Chain._fields} for k in range(made.header["chains"])]
+        self.chains = [
+            {n: a[f"chain{k}_{n}"] for n in reading.SerialChain._fields} for k in range(made.header["chains"])
+        ]
         self.couplings, self.offset, self.moduli = (a[f"system_{n}"] for n in ("couplings", "offset", "moduli"))
         self.q, self.y, self.periodic = (a[f"system_{n}"] for n in ("independent", "dependent", "periodic"))
 
@@ -382,7 +384,7 @@ def _sheets(original):
 def _of_cover(rng, found, made, original, closures, points):
     sizes = original.arrays["curve_tubes"]
     tubes = original.arrays["tube_theta"]
-    unmoved = document.fingerprint(made.arrays) == document.fingerprint(original.arrays)
+    unmoved = reading.fingerprint(made.arrays) == reading.fingerprint(original.arrays)
     chosen, region = tubes[rng.integers(len(tubes), size=points)], found.region
     q = chosen[:, closures.q]
     inside = np.all((q >= region.lower) & (q <= region.upper), axis=1)

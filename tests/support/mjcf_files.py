@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from ccpin.description import MechanismDescription
-from ccpin.description.mjcf.reader import read_mjcf
 from tests.support.places import SHARED
+from tests.support.reading import read_mjcf
 
 CASSIE = SHARED / "cassie_closed_chain.xml"
 BALL = '<geom size="0.1"/>'

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.description.mjcf.reader import read_mjcf
 from tests.support import linkages
 from tests.support.places import SHARED
+from tests.support.reading import read_mjcf
 
 TIGHT = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13, "sample_period": 0.01}
 SPRINGS = {f"leg{k}_extension": {"stiffness": 500.0, "spring_reference": 0.05} for k in range(1, 7)}

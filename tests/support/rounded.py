@@ -8,8 +8,8 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ccpin.description.model import frame
-from ccpin.mechanism.closing import close
-from ccpin.mechanism.mobility import null_space
+from ccpin.mechanism.motion.mobility import null_space
+from ccpin.mechanism.poses.loop_closing import close
 
 
 def rounded(description, decimals, seed=3):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ccpin.description.sdf.reader import read_sdf
+from tests.support.reading import read_sdf
 
 
 def inertial(mass=1.0, com=(0.0, 0.0, 0.0), moments=(0.01, 0.02, 0.03), rpy=(0.0, 0.0, 0.0)):

@@ -6,7 +6,7 @@ import pickle
 import pytest
 
 from ccpin import control, validated
-from ccpin.validated.balls import flint
+from ccpin.validated.arithmetic.balls import flint
 
 COPIES = pytest.mark.parametrize(
     "again", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy], ids=["pickle", "copy"]

@@ -21,9 +21,9 @@ from tests.support.strategies import DOF, JOINING, Growth
 flint = pytest.importorskip("flint")
 
 from ccpin.validated import certify_move, enclose, enclose_set  # noqa: E402
-from ccpin.validated.balls import around, ball  # noqa: E402
-from ccpin.validated.dynamics import closed_loop  # noqa: E402
-from ccpin.validated.series import values  # noqa: E402
+from ccpin.validated.arithmetic.balls import around, ball  # noqa: E402
+from ccpin.validated.arithmetic.series import values  # noqa: E402
+from ccpin.validated.model.closed_loop import recorded_loop  # noqa: E402
 
 FINE = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
 QUICK = {"order": 14, "tolerance": 1e-14, "pieces": 4}
@@ -147,7 +147,7 @@ def test_recorded_dynamics(name):
     """The tape's (ẋ, q̈) and energies are the reduced model's at random closed states."""
     model = ccpin.ReducedModel(MECHANISMS[name]())
     state, v = random_state(model)
-    loop = closed_loop(model, None, state.q_free)
+    loop = recorded_loop(model, None, state.q_free)
     start = balls(loop.numbers(state.q_free), v)
     accelerated = state.forward_dynamics(v, np.zeros(model.n_actuated))
     expected = np.concatenate([x_rate(loop, state, v), accelerated])
@@ -169,7 +169,7 @@ def test_random_mechanisms_of_every_kind(seeds):
         try:
             model = ccpin.ReducedModel(ccpin.load(growth.drawn().description))
             state, v = random_state(model, seed, 0.02)
-            loop = closed_loop(model, None, state.q_free)
+            loop = recorded_loop(model, None, state.q_free)
         except CcpinError:
             continue
         found = numbers(values(loop.field, balls(loop.numbers(state.q_free), v)))
@@ -308,7 +308,7 @@ def test_a_geared_wheel_turns_on():
 
 def test_rows_left_out_are_bounded_along_the_motion():
     """`left_open` lies above what the rows are at many times: of the energies in their place, which are not small."""
-    from ccpin.validated.enclose import left_open
+    from ccpin.validated.flow.enclosure import left_open
 
     model = ccpin.ReducedModel(ccpin.load("bennett"))
     state, v = random_state(model)

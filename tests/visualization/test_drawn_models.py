@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.visualization.bodies import drawn_bodies
+from ccpin.visualization.drawn_bodies import drawn_bodies
 from tests.support.places import MODELS
 
 NAMES = sorted(path.stem for path in MODELS.glob("*.urdf"))

@@ -17,8 +17,8 @@ import ccpin
 from ccpin import visualization
 from ccpin.errors import CcpinError
 from ccpin.studio import studio
-from ccpin.visualization import server as serving
-from ccpin.visualization.server import Server
+from ccpin.visualization import guarded_server as serving
+from ccpin.visualization.guarded_server import Server
 
 websockets = pytest.importorskip("tornado.websocket")
 client = pytest.importorskip("tornado.httpclient")

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.auditing.document import Curves, Document, read
+from ccpin.auditing.reading import ClaimedDocument, Curves, read
 from ccpin.errors import CcpinError, InvalidInputError
 
 if TYPE_CHECKING:
-    from ccpin.auditing.closures import Closures
-    from ccpin.auditing.gluing import Contact
+    from ccpin.auditing.closures import BallClosures
+    from ccpin.auditing.gluing import SharedFace
 
 _CUTS = 24
 _NEAR = 1e-9  # rad or m: how far a seed may be from a closed configuration
@@ -65,7 +65,7 @@ class Claim(NamedTuple):
     undecided: tuple[tuple[int, ...], ...] = ()
 
 
-class Progress(NamedTuple):
+class AuditProgress(NamedTuple):
     """How many checks are done, and of how many."""
 
     done: int
@@ -125,7 +125,7 @@ def verify(
     sample: int | None = None,
     seed: int = 0,
     workers: int = 1,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[AuditProgress], None] | None = None,
 ) -> Audit:
     """Check a certificate that an atlas's, a sheet atlas's or a singular cover's `save` wrote, by code of its own.
 
@@ -176,18 +176,18 @@ def verify(
     kinds = _of_curves(document) if isinstance(document, Curves) else _of_cells(document)
     chosen = {kind: _chosen(len(every), sample, seed + k) for k, (kind, every) in enumerate(kinds.items())}
     tasks = [(kind, kinds[kind][k]) for kind, rows in chosen.items() for k in rows]
-    found = _Found(kinds)
+    found = _Outcomes(kinds)
     done = 0
     for part in _results(document, tasks, workers, found):
         for result in part:
             found.add(*result)
         done += len(part)
         if progress is not None:
-            progress(Progress(done, len(tasks)))
+            progress(AuditProgress(done, len(tasks)))
     claims = [found.claim(kind) for kind, every in kinds.items() if kind in _ALWAYS or every]
     if document.ranges is not None:
         claims.append(_ranged(document))
-    if isinstance(document, Document) and document.seed is not None:
+    if isinstance(document, ClaimedDocument) and document.seed is not None:
         claims.insert(2, _reached(document, document.seed, [(c.first, c.second) for c in kinds["glue"]]))
     return Audit(
         theorem=document.header["theorem"],
@@ -198,7 +198,7 @@ def verify(
     )
 
 
-class _Found:
+class _Outcomes:
     """What was found of each kind of claim."""
 
     def __init__(self, kinds: dict[str, list[Any]]) -> None:
@@ -227,7 +227,7 @@ class _Found:
         return Claim(_WORDS[kind], len(self._kinds[kind]), self._looked[kind], failed, undecided)
 
 
-def _of_cells(document: Document) -> dict[str, list[Any]]:
+def _of_cells(document: ClaimedDocument) -> dict[str, list[Any]]:
     """What is claimed of an atlas or of sheets."""
     from ccpin.auditing.gluing import apart
 
@@ -245,29 +245,29 @@ def _of_cells(document: Document) -> dict[str, list[Any]]:
 
 def _of_curves(document: Curves) -> dict[str, list[Any]]:
     """What is claimed of singular curves."""
-    from ccpin.auditing.closures import Closures
-    from ccpin.auditing.covering import parts
+    from ccpin.auditing.closures import BallClosures
+    from ccpin.auditing.exclusion import parts
 
     joints, first = list[tuple[int, int]](), 0
     for size, closed in zip(document.sizes.tolist(), document.closed.tolist(), strict=True):
         joints += [(k, k + 1) for k in range(first, first + size - 1)]
         joints += [(first + size - 1, first)] if closed else []
         first += size
-    count = len(parts(Closures(document), document))
+    count = len(parts(BallClosures(document), document))
     tubes = list(range(len(document.tubes)))
     once = tubes if len(document.sizes) > 1 else []
     return {"tube": tubes, "joint": joints, "once": once, "cover": list(range(count))}
 
 
-def _faces(document: Document) -> list[Any]:
+def _faces(document: ClaimedDocument) -> list[Any]:
     """Where boxes are said to carry the same σ."""
-    from ccpin.auditing.gluing import Contact, contacts
+    from ccpin.auditing.gluing import SharedFace, contacts
 
     if document.faces is None:
         unglued = {tuple(sorted(map(int, pair))) for pair in document.unglued}
         return [c for c in contacts(document) if tuple(sorted((c.first, c.second))) not in unglued]
     rows = zip(*document.faces, strict=True)
-    return [Contact(int(a), int(b), at_a, at_a - at_b) for a, b, at_a, at_b in rows]
+    return [SharedFace(int(a), int(b), at_a, at_a - at_b) for a, b, at_a, at_b in rows]
 
 
 def _chosen(count: int, sample: int | None, seed: int) -> NDArray[np.int64]:
@@ -276,10 +276,12 @@ def _chosen(count: int, sample: int | None, seed: int) -> NDArray[np.int64]:
     return np.sort(np.random.default_rng(seed).choice(count, sample, replace=False))
 
 
-def _results(document: Document | Curves, tasks: list[Any], workers: int, found: _Found) -> Iterator[list[Result]]:
+def _results(
+    document: ClaimedDocument | Curves, tasks: list[Any], workers: int, found: _Outcomes
+) -> Iterator[list[Result]]:
     """What is found of tasks, in their order; those of kinds of which there is enough are left out."""
     if workers <= 1:
-        held = _Held.of(document)
+        held = _OpenDocument.of(document)
         for kind, what in tasks:
             yield [(kind, (), None, False)] if found.enough(kind) else _checked(held, [(kind, what)])
         return
@@ -288,48 +290,48 @@ def _results(document: Document | Curves, tasks: list[Any], workers: int, found:
         yield from pool.map(_checked_there, parts)
 
 
-class _Held(NamedTuple):
+class _OpenDocument(NamedTuple):
     """A document, its closures and what its cells need, made once."""
 
     document: Any
-    closures: Closures
+    closures: BallClosures
     cells: Any
 
     @staticmethod
-    def of(document: Document | Curves) -> _Held:
-        from ccpin.auditing.closures import Closures
-        from ccpin.auditing.covering import Cover
-        from ccpin.auditing.emptiness import Emptiness
+    def of(document: ClaimedDocument | Curves) -> _OpenDocument:
+        from ccpin.auditing.closures import BallClosures
+        from ccpin.auditing.empty_cells import Emptiness
+        from ccpin.auditing.exclusion import Exclusion
 
-        closures = Closures(document)
-        cells = Cover(closures, document) if isinstance(document, Curves) else Emptiness(closures, document)
-        return _Held(document, closures, cells)
-
-
-_held: list[_Held] = []  # of a process of the pool
+        closures = BallClosures(document)
+        cells = Exclusion(closures, document) if isinstance(document, Curves) else Emptiness(closures, document)
+        return _OpenDocument(document, closures, cells)
 
 
-def _open(document: Document | Curves) -> None:
-    _held[:] = [_Held.of(document)]
+_held: list[_OpenDocument] = []  # of a process of the pool
+
+
+def _open(document: ClaimedDocument | Curves) -> None:
+    _held[:] = [_OpenDocument.of(document)]
 
 
 def _checked_there(tasks: Iterable[Any]) -> list[Result]:
     return _checked(_held[0], tasks)
 
 
-def _checked(held: _Held, tasks: Iterable[Any]) -> list[Result]:
+def _checked(held: _OpenDocument, tasks: Iterable[Any]) -> list[Result]:
     looks = _looks(held)
     return [(kind, *looks[kind](what)) for kind, what in tasks]
 
 
-def _looks(held: _Held) -> dict[str, Callable[[Any], tuple[tuple[int, ...], bool | None, bool]]]:
+def _looks(held: _OpenDocument) -> dict[str, Callable[[Any], tuple[tuple[int, ...], bool | None, bool]]]:
     """How each kind of claim is looked at: which one it is, whether it was proved, and whether there is a way."""
     from ccpin.auditing.boxes import proved
     from ccpin.auditing.counts import counted
-    from ccpin.auditing.curves import goes_on, listed_once, one_curve
-    from ccpin.auditing.demands import met
     from ccpin.auditing.gluing import same_solution
-    from ccpin.auditing.singular import singular
+    from ccpin.auditing.singular_curves import goes_on, listed_once, one_curve
+    from ccpin.auditing.singular_points import singular
+    from ccpin.auditing.workspace import met
 
     document, closures, cells = held
 
@@ -337,7 +339,7 @@ def _looks(held: _Held) -> dict[str, Callable[[Any], tuple[tuple[int, ...], bool
         good = cells.proved(k)
         return (int(document.empty.number[k]),), good, good is not None or cells.searched
 
-    def different(face: Contact) -> bool | None:
+    def different(face: SharedFace) -> bool | None:
         same = same_solution(closures, document, face)
         return None if same is None else not same
 
@@ -356,25 +358,25 @@ def _looks(held: _Held) -> dict[str, Callable[[Any], tuple[tuple[int, ...], bool
     }
 
 
-def _ranged(document: Document | Curves) -> Claim:
+def _ranged(document: ClaimedDocument | Curves) -> Claim:
     """That the ranges stated hold every closed configuration that keeps the limits stated."""
-    from ccpin.auditing.closures import Closures
-    from ccpin.auditing.ranges import unproved
+    from ccpin.auditing.closures import BallClosures
     from ccpin.auditing.reach import Reach
+    from ccpin.auditing.stated_ranges import unproved
 
-    wrong = unproved(Reach(Closures(document), document, frozenset()))
+    wrong = unproved(Reach(BallClosures(document), document, frozenset()))
     count = len(document.dependent)
     what = "coordinates whose range holds all configurations within the limits stated"
     return Claim(what, count, count, (), tuple((j,) for j in wrong))
 
 
-def _reached(document: Document, seed: NDArray[np.float64], pairs: list[tuple[int, int]]) -> Claim:
+def _reached(document: ClaimedDocument, seed: NDArray[np.float64], pairs: list[tuple[int, int]]) -> Claim:
     """That each box is joined to the seed's."""
-    from ccpin.auditing.closures import Closures
+    from ccpin.auditing.closures import BallClosures
     from ccpin.auditing.gluing import in_tube, near
 
     reached = np.zeros(len(document.centre), dtype=np.bool_)
-    found = near(Closures(document), document.dependent, seed)
+    found = near(BallClosures(document), document.dependent, seed)
     still = np.zeros(len(document.independent))
     seeded = found is not None and bool(np.max(np.abs(found[0] - seed)) <= _NEAR)
     todo = [k for k in range(len(reached)) if found and seeded and in_tube(document, k, *found, still)]

@@ -34,8 +34,8 @@ from typing import NamedTuple
 import numpy as np
 from flint import arb, arb_mat
 
-from ccpin.auditing.closures import Equations, columns, exact, floats
-from ccpin.auditing.document import Array, Document, Integers, widened
+from ccpin.auditing.closures import BallEquations, columns, exact, floats
+from ccpin.auditing.reading import Array, ClaimedDocument, Integers, widened
 
 _PARTS, _ROOM, _NEWTON, _ROUNDS = 6, 1.05, 8, 6
 _LOOKS = 4096  # cells of one box
@@ -56,7 +56,7 @@ class Box(NamedTuple):
     dependent: Integers
 
 
-def box_of(document: Document, k: int) -> Box:
+def box_of(document: ClaimedDocument, k: int) -> Box:
     """The k-th box of a document."""
     return Box(
         [arb(float(x)) for x in document.centre[k]],
@@ -68,12 +68,12 @@ def box_of(document: Document, k: int) -> Box:
     )
 
 
-def proved(closures: Equations, document: Document, k: int, cuts: int) -> bool | None:
+def proved(closures: BallEquations, document: ClaimedDocument, k: int, cuts: int) -> bool | None:
     """Whether the k-th box's claim was proved or, as by `box_proved`, refuted."""
     return box_proved(closures, box_of(document, k), cuts)
 
 
-def box_proved(closures: Equations, box: Box, cuts: int) -> bool | None:
+def box_proved(closures: BallEquations, box: Box, cuts: int) -> bool | None:
     """Whether a box's claim was proved (``True``) or refuted (``False``), cut in two so many times one after another.
 
     It is refuted where 3 holds for the whole tube over a single δ: there is no solution in it. ``None``: neither.
@@ -96,7 +96,7 @@ def box_proved(closures: Equations, box: Box, cuts: int) -> bool | None:
     return True
 
 
-def _misses(closures: Equations, box: Box, delta: Array) -> bool:
+def _misses(closures: BallEquations, box: Box, delta: Array) -> bool:
     """Whether a box's tube was proved to hold no solution at δ."""
     radius = np.array([float(r.upper()) for r in box.radius])
     found = look(closures, box, (delta, delta), np.zeros_like(radius), radius)
@@ -113,7 +113,7 @@ class Looked(NamedTuple):
     carried: Array
 
 
-def holds(closures: Equations, box: Box, cell: tuple[Array, Array], narrowing: bool) -> bool:
+def holds(closures: BallEquations, box: Box, cell: tuple[Array, Array], narrowing: bool) -> bool:
     """The claim for one cell; `narrowing`: the tube is narrowed by 3 where 1 does not hold for all of it."""
     radius = np.array([float(r.upper()) for r in box.radius])
     tube = look(closures, box, cell, np.zeros_like(radius), radius)
@@ -136,7 +136,7 @@ def holds(closures: Equations, box: Box, cell: tuple[Array, Array], narrowing: b
     return False
 
 
-def _one_in_tube(closures: Equations, box: Box, cell: tuple[Array, Array], radius: Array) -> bool:
+def _one_in_tube(closures: BallEquations, box: Box, cell: tuple[Array, Array], radius: Array) -> bool:
     """Whether 1 holds for what 3 leaves of the tube, tried at its ends."""
     lower, upper = -radius, radius.copy()
     for _ in range(_ROUNDS):
@@ -153,7 +153,7 @@ def _one_in_tube(closures: Equations, box: Box, cell: tuple[Array, Array], radiu
     return False
 
 
-def _solution(closures: Equations, box: Box, delta: Array) -> Array:
+def _solution(closures: BallEquations, box: Box, delta: Array) -> Array:
     """ζ of a solution at δ, by Newton's method in plain floating point."""
     zeta, modes = np.zeros(closures.m), floats(box.modes)
     base = np.array([float(x) for x in box.centre]) + floats(box.directions) @ delta
@@ -169,7 +169,7 @@ def _solution(closures: Equations, box: Box, delta: Array) -> Array:
     return zeta
 
 
-def look(closures: Equations, box: Box, cell: tuple[Array, Array], middle: Array, part: Array) -> Looked | None:
+def look(closures: BallEquations, box: Box, cell: tuple[Array, Array], middle: Array, part: Array) -> Looked | None:
     """The lemma over a cell (low, high) and ζ₀ ± r; ``None`` where no Ã was found."""
     delta = 0.5 * (cell[0] + cell[1])
     spread = _half_width(*cell)

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from flint import arb, arb_mat
 
-from ccpin.auditing.document import Array, Chain, HasClosures, Integers
+from ccpin.auditing.reading import Array, HasClosures, Integers, SerialChain
 
 _NEAR = arb(0, 2.0**-50)
 
 
-class Turn(NamedTuple):
+class JointTurn(NamedTuple):
     """One joint of a chain: the frame before it, and its axis k as a column, as [k]× and as [k]×²."""
 
     joint: int
@@ -31,13 +31,13 @@ class Turn(NamedTuple):
 class Path(NamedTuple):
     """A chain in balls."""
 
-    turns: tuple[Turn, ...]
+    turns: tuple[JointTurn, ...]
     tip: arb_mat
     direction: bool
     weights: arb_mat
 
 
-class Motion(NamedTuple):
+class TipMotion(NamedTuple):
     """A chain's tip x, and by joint its number, a, ∂x/∂θ and whether it slides."""
 
     x: arb_mat
@@ -57,7 +57,7 @@ def cross(a: arb_mat, b: arb_mat) -> arb_mat:
     return arb_mat(3, 1, [y * w - z * v, z * u - x * w, x * v - y * u])
 
 
-class Equations(Protocol):
+class BallEquations(Protocol):
     """Rows of equations of some coordinates θ, over balls: what Theorem N and gluing speak of."""
 
     m: int
@@ -79,7 +79,7 @@ class Equations(Protocol):
         """The rows and their derivatives in plain floating point."""
 
 
-class Closures:
+class BallClosures:
     """φ of a document."""
 
     def __init__(self, document: HasClosures) -> None:
@@ -88,11 +88,11 @@ class Closures:
         self.couplings, self.offset = exact(document.couplings), exact(document.offset)
         self.moduli = document.moduli
 
-    def motions(self, theta: list[arb]) -> list[Motion]:
+    def motions(self, theta: list[arb]) -> list[TipMotion]:
         """The chains at θ, balls."""
         return [motion_of(path, theta) for path in self.paths]
 
-    def value(self, theta: list[arb], motions: list[Motion]) -> arb_mat:
+    def value(self, theta: list[arb], motions: list[TipMotion]) -> arb_mat:
         """φ."""
         phi = self.couplings * arb_mat(self.n_free, 1, theta) + self.offset
         for row in np.flatnonzero(self.moduli):
@@ -102,7 +102,7 @@ class Closures:
             phi = phi + path.weights * motion.x
         return phi
 
-    def jacobian(self, motions: list[Motion]) -> arb_mat:
+    def jacobian(self, motions: list[TipMotion]) -> arb_mat:
         """φ_θ, (m, n′)."""
         total = arb_mat(self.couplings)
         for path, motion in zip(self.paths, motions, strict=True):
@@ -110,7 +110,7 @@ class Closures:
                 self._add(total, joint, path.weights * along)
         return total
 
-    def variation(self, motions: list[Motion], direction: list[arb]) -> arb_mat:
+    def variation(self, motions: list[TipMotion], direction: list[arb]) -> arb_mat:
         """Σ_c ∂φ_θ/∂θ_c · d_c along a direction d, with the second derivatives that the motions have: (m, n′).
 
         ∂²x/∂θ_i∂θ_j = a_i × ∂x/∂θ_j for i ≤ j along a chain, so that the a_i d_i above a joint are summed first (moves
@@ -130,7 +130,7 @@ class Closures:
                 moving = moving + along * direction[joint]
         return total
 
-    def second_variation(self, motions: list[Motion], one: list[arb], other: list[arb]) -> arb_mat:
+    def second_variation(self, motions: list[TipMotion], one: list[arb], other: list[arb]) -> arb_mat:
         """Σ_bc ∂²φ_θ/∂θ_b∂θ_c · w_b d_c along two directions w and d: (m, n′).
 
         The derivative along d of what `variation` sums along w: an axis a moves by (Σ a d above it) × a, a column
@@ -184,7 +184,7 @@ def floats(matrix: arb_mat) -> Array:
     return np.array(values).reshape(matrix.nrows(), matrix.ncols())
 
 
-def _path(chain: Chain) -> Path:
+def _path(chain: SerialChain) -> Path:
     turns = []
     for k, joint in enumerate(chain.joints):
         x, y, z = (arb(float(v)) + _NEAR for v in chain.axes[k])
@@ -194,11 +194,11 @@ def _path(chain: Chain) -> Path:
             rotation = arb_mat(3, 3, [entry + _NEAR for entry in rotation.entries()])
         axis = arb_mat(3, 1, [x, y, z])
         translation = exact(chain.translations[k])
-        turns.append(Turn(int(joint), rotation, translation, axis, skew, skew * skew, bool(chain.prismatic[k])))
+        turns.append(JointTurn(int(joint), rotation, translation, axis, skew, skew * skew, bool(chain.prismatic[k])))
     return Path(tuple(turns), exact(chain.tip), chain.direction, exact(chain.weights))
 
 
-def motion_of(path: Path, theta: list[arb]) -> Motion:
+def motion_of(path: Path, theta: list[arb]) -> TipMotion:
     """A chain at θ. What lies behind a joint is summed from the tip: it knows nothing of what lies before it."""
     R, passed = exact(np.eye(3)), []
     for turn in path.turns:
@@ -217,4 +217,4 @@ def motion_of(path: Path, theta: list[arb]) -> Motion:
         carried = arb_mat(3, 1) if path.direction else axis
         joints.append((joint, axis, carried if slides else cross(axis, x), slides))
         x = x if path.direction else x + step
-    return Motion(x, tuple(reversed(joints)))
+    return TipMotion(x, tuple(reversed(joints)))

@@ -28,10 +28,10 @@ from flint import arb
 
 from ccpin.auditing.boxes import contracts, defect
 from ccpin.auditing.closures import columns, exact
-from ccpin.auditing.document import Array, Counts, Document, Stated, corners
-from ccpin.auditing.emptiness import Emptiness
+from ccpin.auditing.empty_cells import Emptiness
 from ccpin.auditing.gluing import in_tube, near
-from ccpin.auditing.reach import Box
+from ccpin.auditing.reach import CornerBox
+from ccpin.auditing.reading import Array, ClaimedDocument, Counts, StatedRanges, corners
 
 _BUDGET = 2000  # boxes over one q
 _TURN = 2.0 * np.pi
@@ -61,10 +61,10 @@ def counted(search: Emptiness, k: int) -> bool | None:
     return not certified or _one_each(document, boxes.tolist(), found) or None
 
 
-def _within(search: Emptiness, stated: Stated, boxes: list[Box]) -> list[Box] | None:
+def _within(search: Emptiness, stated: StatedRanges, boxes: list[CornerBox]) -> list[CornerBox] | None:
     """Boxes that touch no limit and hold what closes in others; ``None`` where there is no end of those."""
     at, (lower, upper) = search.document.dependent, stated.limits.T
-    waiting, found, left = list(boxes), list[Box](), _BUDGET
+    waiting, found, left = list(boxes), list[CornerBox](), _BUDGET
     while waiting:
         left -= 1
         box = waiting.pop()
@@ -78,15 +78,15 @@ def _within(search: Emptiness, stated: Stated, boxes: list[Box]) -> list[Box] | 
     return found
 
 
-def _over(search: Emptiness, boxes: list[Box], q: Array) -> list[Solution] | None:
+def _over(search: Emptiness, boxes: list[CornerBox], q: Array) -> list[Solution] | None:
     """All closed configurations over one q that boxes hold; ``None`` where that is not proved."""
-    waiting, found = list[Box](), list[Solution]()
+    waiting, found = list[CornerBox](), list[Solution]()
     independent = search.document.independent
     for box in boxes:
         if np.all(box.low[independent] <= q) and np.all(q <= box.high[independent]):
             low, high = box.low.copy(), box.high.copy()
             low[independent] = high[independent] = q
-            waiting.append(Box(low, high))
+            waiting.append(CornerBox(low, high))
     left = _BUDGET
     while waiting:
         if not left:
@@ -108,7 +108,7 @@ def _over(search: Emptiness, boxes: list[Box], q: Array) -> list[Solution] | Non
     return found
 
 
-def _alone(search: Emptiness, box: Box, solution: Solution) -> bool:
+def _alone(search: Emptiness, box: CornerBox, solution: Solution) -> bool:
     """Whether 2 holds for what a box over one q spans with a solution's ball."""
     theta, radius = solution
     at, low, high = search.document.dependent, box.low.copy(), box.high.copy()
@@ -119,7 +119,7 @@ def _alone(search: Emptiness, box: Box, solution: Solution) -> bool:
         A = exact(np.linalg.inv(closures.at(middle)[1][:, at]).astype(np.float64))
     except np.linalg.LinAlgError:
         return False
-    slope = closures.jacobian(closures.motions(Box(low, high).balls()))
+    slope = closures.jacobian(closures.motions(CornerBox(low, high).balls()))
     return contracts(defect(A * columns(slope, at)))
 
 
@@ -134,14 +134,14 @@ def _among(search: Emptiness, found: list[Solution], solution: Solution) -> bool
             continue
         again, room = other.copy(), 1e-12 + 2.0 * radius
         again[at] = [float(t.mid()) for t in moved]
-        spanned = Box(np.minimum(other, again), np.maximum(other, again))
+        spanned = CornerBox(np.minimum(other, again), np.maximum(other, again))
         spanned.low[at] -= room
         spanned.high[at] += room
         return True if _alone(search, spanned, (other, reach)) else None
     return False
 
 
-def _one_each(document: Document, boxes: list[int], found: list[Solution]) -> bool:
+def _one_each(document: ClaimedDocument, boxes: list[int], found: list[Solution]) -> bool:
     """Whether each solution over the middle of a cell is in the tube of a box of its own."""
     still = np.zeros(len(document.independent))
     free = list(boxes)
@@ -153,7 +153,7 @@ def _one_each(document: Document, boxes: list[int], found: list[Solution]) -> bo
     return True
 
 
-def _exact_corners(document: Document, counts: Counts, k: int) -> tuple[list[arb], list[arb]]:
+def _exact_corners(document: ClaimedDocument, counts: Counts, k: int) -> tuple[list[arb], list[arb]]:
     """A cell's corners, not rounded."""
     ends = [(arb(float(a)), arb(float(b)) - arb(float(a))) for a, b in zip(document.lower, document.upper, strict=True)]
     low, high = (

@@ -17,14 +17,14 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ccpin.auditing.boxes import box_of
-from ccpin.auditing.cells import WHOLE
-from ccpin.auditing.closures import Closures, Equations, columns, exact
-from ccpin.auditing.document import Array, Document, Faces, Integers
+from ccpin.auditing.closures import BallClosures, BallEquations, columns, exact
+from ccpin.auditing.reading import Array, ClaimedDocument, Faces, Integers
+from ccpin.auditing.tiling import WHOLE
 
 _NEWTON = 12
 
 
-class Contact(NamedTuple):
+class SharedFace(NamedTuple):
     """A face two boxes share: the middle in the first one's coordinates, and the turn that leads to the second's."""
 
     first: int
@@ -33,7 +33,7 @@ class Contact(NamedTuple):
     turn: Array
 
 
-def contacts(document: Document) -> Iterator[Contact]:
+def contacts(document: ClaimedDocument) -> Iterator[SharedFace]:
     """Every pair of boxes whose cells share a face (over the coordinates that a slice does not hold), once."""
     low, high = document.place, document.place + document.size
     start = [Fraction(float(x)) for x in document.lower]
@@ -54,10 +54,10 @@ def contacts(document: Document) -> Iterator[Contact]:
                 twice = begin[row] + end[row]
                 twice[k] = 2 * high[a, k]
                 middle = [float(a0 + e * int(w) / (2 * WHOLE)) for a0, e, w in zip(start, edge, twice, strict=True)]
-                yield Contact(a, int(beside[row]), np.array(middle), turn.copy())
+                yield SharedFace(a, int(beside[row]), np.array(middle), turn.copy())
 
 
-def sheets_of(document: Document, faces: Faces) -> Integers:
+def sheets_of(document: ClaimedDocument, faces: Faces) -> Integers:
     """The sheet of each box: boxes that a way over glued faces joins have the same number."""
     count = len(document.centre)
     if not count:
@@ -66,7 +66,7 @@ def sheets_of(document: Document, faces: Faces) -> Integers:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def apart(document: Document, faces: Faces) -> Iterator[Contact]:
+def apart(document: ClaimedDocument, faces: Faces) -> Iterator[SharedFace]:
     """Faces of certified cells at which two boxes are said to be of two sheets: no way over glued faces joins them."""
     sheet = sheets_of(document, faces)
     cell = np.empty(len(sheet), dtype=np.int64)
@@ -79,7 +79,7 @@ def apart(document: Document, faces: Faces) -> Iterator[Contact]:
             yield contact
 
 
-def same_solution(closures: Closures, document: Document, contact: Contact) -> bool | None:
+def same_solution(closures: BallClosures, document: ClaimedDocument, contact: SharedFace) -> bool | None:
     """Whether the two boxes of a contact are proved to carry the same solution, or (``False``) two; ``None``: neither.
 
     They carry two where that of the first is proved to lie beyond the second one's tube, which holds the second's.
@@ -91,7 +91,7 @@ def same_solution(closures: Closures, document: Document, contact: Contact) -> b
     return in_tube(document, contact.second, *found, contact.turn)
 
 
-def solution(closures: Closures, document: Document, k: int, q: Array) -> tuple[Array, float] | None:
+def solution(closures: BallClosures, document: ClaimedDocument, k: int, q: Array) -> tuple[Array, float] | None:
     """θ and a radius about its y within which a solution over q is proved to be; sought from a box's middle."""
     offset = q - document.centre[k, document.independent]
     theta = document.centre[k] + document.directions[k] @ offset
@@ -99,7 +99,7 @@ def solution(closures: Closures, document: Document, k: int, q: Array) -> tuple[
     return near(closures, document.dependent, theta)
 
 
-def near(closures: Equations, dependent: Integers, theta: Array) -> tuple[Array, float] | None:
+def near(closures: BallEquations, dependent: Integers, theta: Array) -> tuple[Array, float] | None:
     """A solution near θ over its q, and the radius within which it is proved."""
     theta = theta.copy()
     inverse: Array = np.zeros((closures.m, closures.m))
@@ -135,7 +135,7 @@ def near(closures: Equations, dependent: Integers, theta: Array) -> tuple[Array,
     return None
 
 
-def in_tube(document: Document, k: int, theta: Array, radius: float, turn: Array) -> bool | None:
+def in_tube(document: ClaimedDocument, k: int, theta: Array, radius: float, turn: Array) -> bool | None:
     """Whether every y within the radius of θ's is in a box's tube, θ turned back by `turn` and whole turns of y.
 
     ``False``: none is, whichever turns are taken. ``None``: neither, or θ is not over the box.
@@ -164,7 +164,7 @@ def in_tube(document: Document, k: int, theta: Array, radius: float, turn: Array
     return False if beyond and _by_turns(document, gaps, reach) else None
 
 
-def _by_turns(document: Document, gaps: list[arb], reach: list[arb]) -> bool:
+def _by_turns(document: ClaimedDocument, gaps: list[arb], reach: list[arb]) -> bool:
     """Whether angles known modulo 2π lead into a tube's reach by their nearest turn alone, if by any."""
     turning = [bool(document.periodic[int(index)]) for index in document.dependent]
     return all(abs(gap) + abs(x) < 2 * arb.pi() for gap, x, turn in zip(gaps, reach, turning, strict=True) if turn)

@@ -20,14 +20,14 @@ from typing import NamedTuple
 import numpy as np
 from flint import arb
 
-from ccpin.auditing.closures import Closures, Motion, Path, motion_of
-from ccpin.auditing.document import Array, Curves, Document
+from ccpin.auditing.closures import BallClosures, Path, TipMotion, motion_of
 from ccpin.auditing.lengths import least_size, norm_of, root_of, segments_of
+from ccpin.auditing.reading import Array, ClaimedDocument, Curves
 
 _TAIL = 0.6  # rad: joints that may turn more than this each way are behind the cut
 
 
-class Box(NamedTuple):
+class CornerBox(NamedTuple):
     """A box of all coordinates by its corners, as doubles."""
 
     low: Array
@@ -47,18 +47,18 @@ class Box(NamedTuple):
         """All of it."""
         return [arb(float(a)).union(arb(float(b))) for a, b in zip(self.low, self.high, strict=True)]
 
-    def halves(self, axis: int) -> tuple[Box, Box]:
+    def halves(self, axis: int) -> tuple[CornerBox, CornerBox]:
         """Both halves along an axis."""
         return self.cut(axis, float(self.middle[axis]))
 
-    def cut(self, axis: int, place: float) -> tuple[Box, Box]:
+    def cut(self, axis: int, place: float) -> tuple[CornerBox, CornerBox]:
         """Both parts where an axis is cut."""
         below, above = self.high.copy(), self.low.copy()
         below[axis] = above[axis] = place
-        return Box(self.low, below), Box(above, self.high)
+        return CornerBox(self.low, below), CornerBox(above, self.high)
 
 
-class Group(NamedTuple):
+class ChainGroup(NamedTuple):
     """The chains of one closure's point rows: their numbers and the rows."""
 
     rows: tuple[int, ...]
@@ -73,14 +73,14 @@ class Reach:
         first: The others, but for last joints of chains in no other loop: without these the lemma does.
     """
 
-    def __init__(self, closures: Closures, document: Document | Curves, unbounded: Set[int]) -> None:
+    def __init__(self, closures: BallClosures, document: ClaimedDocument | Curves, unbounded: Set[int]) -> None:
         self.closures, self.document, self.unbounded = closures, document, unbounded
         by_rows: dict[tuple[int, ...], list[int]] = {}
         for k, chain in enumerate(document.chains):
             rows = tuple(int(r) for r in np.flatnonzero(np.any(chain.weights != 0.0, axis=1)))
             by_rows.setdefault(rows, []).append(k)
         self.groups = [
-            Group(rows, tuple(chains)) for rows, chains in by_rows.items() if rows and self._plain(rows, chains)
+            ChainGroup(rows, tuple(chains)) for rows, chains in by_rows.items() if rows and self._plain(rows, chains)
         ]
         self.norms = [norm_of(path.weights) for path in closures.paths]
         self.segments = [segments_of(path, norm) for path, norm in zip(closures.paths, self.norms, strict=True)]
@@ -98,7 +98,7 @@ class Reach:
         linear = np.any(document.couplings[chosen] != 0.0) or np.any(document.moduli[chosen] != 0.0)
         return not (shared or linear or any(document.chains[k].direction for k in chains))
 
-    def too_far(self, box: Box) -> bool:
+    def too_far(self, box: CornerBox) -> bool:
         """Whether the chains, cut where they turn freely, cannot meet."""
         balls, half = box.balls(), box.half
         for group in self.groups:
@@ -134,7 +134,7 @@ class Reach:
         return [*found, self.segments[number][-1].before] if turns else []
 
 
-def head_of(path: Path, cut: int, balls: list[arb]) -> Motion:
+def head_of(path: Path, cut: int, balls: list[arb]) -> TipMotion:
     """The part of a chain above a cut: its tip is where the joint is at which it was cut."""
     if cut == len(path.turns):
         return motion_of(path, balls)

@@ -36,15 +36,15 @@ from flint import arb, arb_mat
 
 from ccpin.auditing.boxes import defect
 from ccpin.auditing.closures import columns, exact, floats
-from ccpin.auditing.curves import Placed, Singular, without_turns
-from ccpin.auditing.document import Array
-from ccpin.auditing.reach import Box, above, below
+from ccpin.auditing.reach import CornerBox, above, below
+from ccpin.auditing.reading import Array
+from ccpin.auditing.singular_curves import Singular, TubeEquations, without_turns
 
 _PASSES, _GAIN = 5, 0.8
 _HALF = arb(1) / 2
 
 
-class Slanted(NamedTuple):
+class SlantedBox(NamedTuple):
     """x_c + st + e, |s| ≤ σ, e between the bounds (0 in row j)."""
 
     centre: list[arb]
@@ -63,7 +63,7 @@ class Slanted(NamedTuple):
         ]
 
 
-def cut_down(box: Box, system: Singular, tube: Placed | None, turning: list[bool]) -> Box | None:
+def cut_down(box: CornerBox, system: Singular, tube: TubeEquations | None, turning: list[bool]) -> CornerBox | None:
     """What of a box of θ may hold singular configurations (Lemmas B and C); ``None``: none but those of a tube.
 
     The tube has the system's l, if one is given.
@@ -87,7 +87,7 @@ def cut_down(box: Box, system: Singular, tube: Placed | None, turning: list[bool
         return box
     reach = (extent + np.abs(tangent) * extent[along]) * (1.0 + 1e-12)
     reach[along] = 0.0
-    slanted = Slanted([arb(float(v)) for v in x], along, tangent, float(extent[along]), -reach, reach)
+    slanted = SlantedBox([arb(float(v)) for v in x], along, tangent, float(extent[along]), -reach, reach)
     for _ in range(_PASSES):
         smaller = _narrowed(system, slanted, P, within)
         if smaller is None or (tube is not None and _inside(smaller, tube, turning)):
@@ -99,7 +99,7 @@ def cut_down(box: Box, system: Singular, tube: Placed | None, turning: list[bool
     hull = slanted.balls()[: len(box.low)]
     low = np.maximum(box.low, [below(ball) for ball in hull])
     high = np.minimum(box.high, [above(ball) for ball in hull])
-    return None if np.any(low > high) else Box(low, high)
+    return None if np.any(low > high) else CornerBox(low, high)
 
 
 def _kernel(system: Singular, inner: arb_mat) -> tuple[Array, Array] | None:
@@ -122,7 +122,7 @@ def _kernel(system: Singular, inner: arb_mat) -> tuple[Array, Array] | None:
     return (left[:, -1], np.array([above(y) for y in image])) if sound else None
 
 
-def _narrowed(system: Singular, box: Slanted, P: arb_mat, within: list[arb]) -> Slanted | None:
+def _narrowed(system: Singular, box: SlantedBox, P: arb_mat, within: list[arb]) -> SlantedBox | None:
     """What Lemma C leaves, B = `within`; ``None``: nothing."""
     middle, others = 0.5 * (box.low + box.high), [k for k in range(system.n_free) if k != box.along]
     centre = [x + arb(float(d)) for x, d in zip(box.centre, middle, strict=True)]
@@ -150,7 +150,7 @@ def _narrowed(system: Singular, box: Slanted, P: arb_mat, within: list[arb]) -> 
     return box._replace(centre=centre, low=low, high=high)
 
 
-def _inside(box: Slanted, tube: Placed, turning: list[bool]) -> bool:
+def _inside(box: SlantedBox, tube: TubeEquations, turning: list[bool]) -> bool:
     """Whether all of it lies in a tube with the same l."""
     j, s = tube.tube.along, arb(0, box.half)
     gap = [x - y for x, y in zip(box.centre, tube.centre, strict=True)]

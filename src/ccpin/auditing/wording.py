@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ccpin.auditing.closures import Closures
-from ccpin.auditing.covering import listed_share
-from ccpin.auditing.document import Curves, Document
+from ccpin.auditing.closures import BallClosures
+from ccpin.auditing.exclusion import listed_share
 from ccpin.auditing.gluing import sheets_of
+from ccpin.auditing.reading import ClaimedDocument, Curves
 
 _FILE = (
     "that the closures are those of a file (compare the fingerprint); what joints are called, and how a configuration "
@@ -27,7 +27,7 @@ _CURVES = (
 )
 
 
-def claimed(document: Document | Curves) -> str:
+def claimed(document: ClaimedDocument | Curves) -> str:
     """What the document claims as a whole."""
     where = ", ".join(
         f"{name} from {low:.6g} to {high:.6g}" if low < high else f"{name} = {low:.6g}"
@@ -37,7 +37,7 @@ def claimed(document: Document | Curves) -> str:
     return f"over {where}{_limits(document)}: {told}"
 
 
-def _limits(document: Document | Curves) -> str:
+def _limits(document: ClaimedDocument | Curves) -> str:
     """Within which limits configurations are meant."""
     stated, none = document.ranges, np.finfo(np.float64).max
     if stated is None:
@@ -59,7 +59,7 @@ def _of_curves(document: Curves) -> str:
     return f"{all_of} on one of {count} curves in {len(document.tubes)} tubes; {closed} of them close on themselves"
 
 
-def _of_cells(document: Document) -> str:
+def _of_cells(document: ClaimedDocument) -> str:
     boxes = len(document.centre)
     told = ", ".join(f"{100.0 * share:.6g} % {name}" for name, share in document.shares.items())
     if document.faces is None:
@@ -70,10 +70,10 @@ def _of_cells(document: Document) -> str:
     return f"{told}, of which it is said how many configurations there are; {sheets} sheets in {boxes} boxes"
 
 
-def besides(document: Document | Curves) -> str:
+def besides(document: ClaimedDocument | Curves) -> str:
     """What is not looked at."""
     if isinstance(document, Curves):
-        share = listed_share(Closures(document), document)
+        share = listed_share(BallClosures(document), document)
         listed = _CURVES.format(len(document.uncovered_lower), 100.0 * share)
         return f"{listed}; {_FILE}"
     more = _LEFT if document.counts is not None else _ASKED if document.demands is not None else None

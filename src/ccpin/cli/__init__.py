@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from ccpin.cli.command import EXIT_CODES, Command, add_completion
+from ccpin.cli.command import EXIT_CODES, CommandParser, add_completion
 from ccpin.cli.convert import add_convert
 from ccpin.cli.doctor import add_doctor
 from ccpin.cli.domain import add_domain
@@ -21,6 +21,7 @@ from ccpin.cli.studio import add_studio
 from ccpin.cli.verify import add_verify
 from ccpin.cli.view import add_view
 from ccpin.errors import CcpinError
+from ccpin.work import insistent
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -30,7 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     try:
-        code = int(options.run(options) or 0)
+        with insistent():
+            code = int(options.run(options) or 0)
         sys.stdout.flush()
         return code
     except CcpinError as error:
@@ -48,11 +50,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Command(prog="ccpin", description="Reduced models of closed-chain mechanisms.", epilog=EXIT_CODES)
+    parser = CommandParser(prog="ccpin", description="Reduced models of closed-chain mechanisms.", epilog=EXIT_CODES)
     version = sys.modules["ccpin"].__version__  # type: ignore[attr-defined]  # of the package this one is a part of
     parser.add_argument("--version", action="version", version=f"ccpin {version}")
     add_completion(parser)
-    commands = parser.add_subparsers(dest="command", required=True, metavar="command", parser_class=Command)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="command", parser_class=CommandParser)
     for add in (
         add_info,
         add_modes,

@@ -27,7 +27,7 @@ def judged(verdict: str, complete: bool = True) -> int:
     return _OF_VERDICTS[verdict] if complete else INTERRUPTED
 
 
-class Command(argparse.ArgumentParser):
+class CommandParser(argparse.ArgumentParser):
     """A parser whose description and examples (its epilog) keep their lines."""
 
     def __init__(self, **options: Any) -> None:

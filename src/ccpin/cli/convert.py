@@ -11,7 +11,7 @@ import shtab
 from ccpin.cli.command import complete
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
-from ccpin.description.writers import FORMATS
+from ccpin.description.formats import FORMATS
 
 
 def add_convert(commands: Any) -> None:
@@ -22,7 +22,7 @@ def add_convert(commands: Any) -> None:
     add_mechanism(parser)
     written = "the file to write; .urdf, .sdf, .xml or .yaml"
     complete(parser.add_argument("--out", required=True, metavar="FILE", help=written), shtab.FILE)
-    parser.add_argument("--to", choices=FORMATS, help="the format, where the suffix does not tell it")
+    parser.add_argument("--to", choices=tuple(FORMATS), help="the format, where the suffix does not tell it")
     parser.set_defaults(run=_convert)
 
 

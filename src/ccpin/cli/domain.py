@@ -13,11 +13,10 @@ import numpy as np
 import shtab
 
 from ccpin.arrays import Array
+from ccpin.cli.certificates import curve_facts, curves_in_words, sheet_facts, sheets_in_words
 from ccpin.cli.command import INTERRUPTED, complete, count, index, judged
-from ccpin.cli.covers import curve_facts, curves_in_words
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import busy, progress_bar
-from ccpin.cli.sheets import sheet_facts, sheets_in_words
 from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
@@ -55,7 +54,7 @@ def add_domain(commands: Any) -> None:
     kept = "keep finished chunks there; a rerun resumes"
     complete(parser.add_argument("--checkpoint", type=Path, metavar="DIR", help=kept), shtab.DIRECTORY)
     parser.add_argument(
-        "--workers", type=count, metavar="N", help="share the work among N processes (default: this one)"
+        "--workers", type=count, metavar="N", help="share the work among N threads, or processes (default: this one)"
     )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="run on a Dask cluster, e.g. tcp://127.0.0.1:8786")
     complete(

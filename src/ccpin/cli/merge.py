@@ -9,11 +9,9 @@ from typing import Any
 
 import shtab
 
+from ccpin.cli.certificates import curve_facts, curves_in_words, document, sheet_facts, sheets_in_words
 from ccpin.cli.command import complete, judged
-from ccpin.cli.covers import curve_facts, curves_in_words
-from ccpin.cli.documents import document
 from ccpin.cli.progress import busy
-from ccpin.cli.sheets import sheet_facts, sheets_in_words
 
 _EXAMPLES = """\
 example: ccpin domain rpdr --lower-deg -150 -160 --upper-deg -120 -100 --save left.npz

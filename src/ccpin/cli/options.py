@@ -17,8 +17,8 @@ from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism import load as load_mechanism
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.simulation.limits import Effort, Limits, Position, Velocity
-from ccpin.simulation.motors import MotorModel
+from ccpin.simulation.plant.limits import Effort, Limits, Position, Velocity
+from ccpin.simulation.plant.motors import MotorModel
 
 _SAMPLED = (
     "encoder_counts",
@@ -47,7 +47,7 @@ def add_mechanism(parser: argparse.ArgumentParser, optional: bool = False) -> No
     wide = "error of the file's lengths and angles, relative to a loop's size (default 1e-5)"
     parser.add_argument("--geometry-tolerance", type=nonnegative, metavar="PART", help=wide)
     parser.add_argument("--floating-base", action="store_true", help="free the root link")
-    parser.add_argument("--format", choices=FORMATS, help="instead of telling it from the content")
+    parser.add_argument("--format", choices=tuple(FORMATS), help="instead of telling it from the content")
     parser.add_argument("--model", metavar="NAME", help="which model of an SDF file, where it holds several")
     below = "folder an SDF or MJCF file may include from (its own)"
     complete(parser.add_argument("--include-root", metavar="DIR", help=below), shtab.DIRECTORY)

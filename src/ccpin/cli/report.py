@@ -34,7 +34,7 @@ def _report(options: argparse.Namespace) -> int:
 
     mechanism = load(options)
     start, goal = vector(options, "start", mechanism), vector(options, "goal", mechanism)
-    settings = report.Settings(start=start, goal=goal, duration=options.duration, depth=options.depth)
+    settings = report.ReportSettings(start=start, goal=goal, duration=options.duration, depth=options.depth)
     done: list[str] = []
 
     def tell(part: str) -> tuple[float, str]:

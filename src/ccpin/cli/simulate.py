@@ -20,7 +20,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation import METHODS, Settling, Simulator, SupervisedMotion, Trajectory, exceeded, supervise
-from ccpin.simulation.metrics import set_point_metrics
+from ccpin.simulation.results.metrics import set_point_metrics
 
 _EXAMPLES = """\
 example: ccpin simulate rpdr --goal-deg -90 -100 --out out
@@ -135,13 +135,13 @@ def _cycles(
 
 def _write(out: Path, mechanism: Mechanism, trajectory: Trajectory, goals: Array, result: dict[str, Any]) -> None:
     """The motion's data; its pictures too, unless whoever pressed Ctrl-C waits."""
-    from ccpin import plotting, visualization
-
     trajectory.save(out / "motion.csv")
     trajectory.save(out / "motion.npz")
     write_atomically(out / "metrics.json", "w", lambda file: json.dump(result, file, indent=2))
     if trajectory.status == "interrupted":
         return
+    from ccpin import plotting, visualization
+
     plotting.save(plotting.plot_motion(trajectory, mechanism, goals), out / "motion.png")
     ends = [trajectory.q_free[0], trajectory.q_free[-1]]
     plotting.save(plotting.plot_configurations(mechanism, ends, ["start", "end"]), out / "configurations.png")

@@ -9,8 +9,8 @@ from typing import Any
 
 import shtab
 
+from ccpin.cli.certificates import document
 from ccpin.cli.command import PROVEN, REFUTED, UNDECIDED, complete, count
-from ccpin.cli.documents import document
 from ccpin.cli.progress import progress_bar
 
 _EXAMPLES = """\

@@ -15,8 +15,8 @@ from ccpin.cli.command import complete, positive
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.errors import InvalidInputError
-from ccpin.simulation.forces import closure_forces
-from ccpin.simulation.trajectory import load_npz
+from ccpin.simulation.results.forces import closure_forces
+from ccpin.simulation.results.trajectory import load_npz
 
 _EXAMPLES = """\
 example: ccpin view delta --out delta.html

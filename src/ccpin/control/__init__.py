@@ -7,12 +7,12 @@ from ccpin.control.online import OnlineLaw, OnlineReport, OnlineSigma, capped_si
 from ccpin.control.references import Hold, PointToPoint, Reference, ReferenceState, Waypoints, through_points
 from ccpin.control.sampling import Sampling
 from ccpin.control.servos import Servos
-from ccpin.control.stability.flood import Budget, Flooded
-from ccpin.control.stability.gains import Gains, local_gains, suggest_gains
-from ccpin.control.stability.on_line import OnlineDemand
-from ccpin.control.stability.theorem3 import SetPointCertificate, certify_law, certify_set_point
-from ccpin.control.stability.tracking_error import TrackingCertificate, certify_tracking, largest_sigma_error
-from ccpin.control.stability.well import RegionSamples, sample_region
+from ccpin.control.stability.set_point.flood import Budget, Flooded
+from ccpin.control.stability.set_point.gains import Gains, local_gains, suggest_gains
+from ccpin.control.stability.set_point.theorem3 import SetPointCertificate, certify_law, certify_set_point
+from ccpin.control.stability.set_point.well import RegionSamples, sample_region
+from ccpin.control.stability.tracking.on_line import OnlineDemand
+from ccpin.control.stability.tracking.tracking_error import TrackingCertificate, certify_tracking, largest_sigma_error
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw, WithSigmaError
 
 __all__ = [

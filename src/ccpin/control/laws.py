@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, instance, numbers, positive, vector
-from ccpin.control.references import require_commuting
+from ccpin.control.references import Hold, require_commuting
+from ccpin.control.statements import LawKind, Statement, speaks_for
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.kinematics.checked import checked_q
-from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.kinematics.coordinates import IndependentCoordinates, checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.digests import Digests, digest_or_none
 
@@ -70,6 +70,29 @@ class ControlLaw(abc.ABC):
         """
         return None
 
+    def statement(self) -> Statement | None:
+        """The law in constants, ``None`` where it has none. `stated` is what asks for it."""
+        return None
+
+
+def stated(law: ControlLaw | None) -> Statement | None:
+    """What a law is in constants, unless it or a class of its own does otherwise; no law at all is no torque."""
+    if law is None:
+        return Statement("constant")
+    return law.statement() if speaks_for(law, "statement") else None
+
+
+def idle(law: ControlLaw | None) -> bool:
+    """Whether a law is no torque, by its own word."""
+    found = stated(law)
+    return found is not None and found.idle
+
+
+def kind_of(law: ControlLaw | None) -> LawKind | None:
+    """The kind a law states of itself, if it does."""
+    found = stated(law)
+    return None if found is None else found.kind
+
 
 def effort_at(law: ControlLaw, t: float, state: State, v: Array) -> Array:
     """What a law gives at a State: by `torque_at`, unless a class further down overrides `torque` alone."""
@@ -113,6 +136,10 @@ class NoTorque(ControlLaw):
     def next_switch(self, t: float) -> float:
         """Never."""
         return np.inf
+
+    def statement(self) -> Statement:
+        """u = 0."""
+        return Statement("constant", constant=self._zero)
 
 
 class TorqueFunction(ControlLaw):
@@ -173,6 +200,11 @@ class Delayed(ControlLaw):
         """The law's next switch, on the clock outside."""
         switch = self.law.next_switch(self._clock(t))
         return None if switch is None else switch + self.start
+
+    def statement(self) -> Statement | None:
+        """The law's, on a clock that starts later."""
+        found = stated(self.law)
+        return None if found is None else found._replace(start=found.start + self.start)
 
     def _clock(self, t: float) -> float:
         """t − start; a switch that is not later than t on the clock outside is not later on the law's own."""
@@ -260,7 +292,7 @@ class ModelLaw(ControlLaw):
         return self.torque_at(t, state, v)
 
 
-class _PD(ModelLaw):
+class SetPointLaw(ModelLaw):
     """What the two PD laws share: gains, the set point, the error and the Lyapunov function.
 
     Args and errors as for `ModelLaw`; q is the set point q_d, constant, gains are in N m/rad or N/m (K_p) and N m s/rad
@@ -301,12 +333,16 @@ class _PD(ModelLaw):
         potential = energy.potential - self._potential_d + error @ self.gravity_d
         return float(energy.kinetic + potential + 0.5 * error @ self.K_p @ error)
 
+    def _stated(self, kind: LawKind, constant: Array) -> Statement:
+        path = Hold(self.model, self.q_d).as_polynomial()
+        return Statement(kind, self.model, self.near, path, self.K_p, self.K_v, constant)
+
     def _feedback(self, q: Array, v: Array) -> Array:
         """K_p q̃ − K_v q̇, of shape (n,)."""
         return np.asarray(self.K_p @ self.error(q) - self.K_v @ v)
 
 
-class PDSimpleGravity(_PD):
+class PDSimpleGravity(SetPointLaw):
     """PD with simple gravity compensation (28): u = K_p q̃ − K_v q̇ + g(q_d).
 
     g(q_d) is computed once, when the law is made, so the law needs no σ on line (where the motors sit on the
@@ -325,14 +361,22 @@ class PDSimpleGravity(_PD):
         force = self._feedback(state.q, v) + self.gravity_d
         return force if self.model.actuation is None else self.own(state).efforts(force)
 
+    def statement(self) -> Statement:
+        """(28)."""
+        return self._stated("pd", self.gravity_d)
 
-class PDFullGravity(_PD):
+
+class PDFullGravity(SetPointLaw):
     """PD with full gravity compensation (30): u = K_p q̃ − K_v q̇ + g(q); needs σ(q)."""
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """u = K_p q̃ − K_v q̇ + g(q) (30)."""
         own = self.own(state)
         return own.efforts(self._feedback(state.q, v) + own.g)
+
+    def statement(self) -> Statement:
+        """(30)."""
+        return self._stated("pd_gravity", np.zeros(self.model.n))
 
     def lyapunov(self, q: Array | State, v: Array, guess: Near = None) -> float:
         """𝒱 = ½q̇ᵀDq̇ + ½q̃ᵀK_p q̃, in joules; g is cancelled, and along solutions 𝒱̇ = −q̇ᵀ(K_v + damping)q̇."""
@@ -411,7 +455,7 @@ class CoulombCompensation(ControlLaw):
         q_start: ArrayLike | None = None,
         width: float = 0.01,
     ) -> None:
-        model = instance(law, "law", _PD, "a PD law").model
+        model = instance(law, "law", SetPointLaw, "a PD law").model
         if not model.mechanism.direct:
             raise UnsupportedMechanismError(
                 "friction compensation needs the motors on the independent joints, in order and without gears"

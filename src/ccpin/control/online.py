@@ -19,7 +19,7 @@ from ccpin.control.tracking import TrackingLaw
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
-from ccpin.kinematics.checked import checked_configuration, checked_q
+from ccpin.kinematics.coordinates import checked_configuration, checked_q
 from ccpin.kinematics.parametrization import ClosedPoint, NewtonRules, NewtonSolve, Parametrization
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.digests import require_same

@@ -21,8 +21,7 @@ from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.reduced_model import ReducedModel, coordinates_of
 from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.kinematics.checked import checked_q
-from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.kinematics.coordinates import IndependentCoordinates, checked_q
 from ccpin.mechanism.mechanism import Mechanism
 
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, instance, vector
 from ccpin.control.laws import ControlLaw, ModelLaw
 from ccpin.control.references import Reference, ReferenceState, require_commuting
+from ccpin.control.statements import LawKind, Statement, speaks_for
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.kinematics.points import moved
@@ -76,6 +77,10 @@ class TrackingLaw(ModelLaw):
         """The efforts that stop the robot where it is, needing no trustworthy σ: damping, and gravity at `state`."""
         return state.efforts(state.g - self._damping(v, state))
 
+    def _stated(self, kind: LawKind) -> Statement:
+        path = self.reference.as_polynomial() if speaks_for(self.reference, "as_polynomial") else None
+        return Statement(kind, self.model, self.near, path, self.K_p, self.K_v, np.zeros(self.model.n))
+
     @abc.abstractmethod
     def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, state: State) -> Array:
         """The generalized force, of shape (n,)."""
@@ -94,6 +99,10 @@ class ComputedTorque(TrackingLaw):
     def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, state: State) -> Array:
         return state.tau(v, wanted.a + self.K_v @ e_dot + self.K_p @ e)
 
+    def statement(self) -> Statement:
+        """Computed torque."""
+        return self._stated("computed_torque")
+
     def _damping(self, v: Array, state: State) -> Array:
         return np.asarray(state.D @ (self.K_v @ v))
 
@@ -109,6 +118,10 @@ class PDPlus(TrackingLaw):
     def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, state: State) -> Array:
         dynamics = state.D @ wanted.a + (state.C(v) + state.damping) @ wanted.v + state.g
         return np.asarray(dynamics + self.K_p @ e + self.K_v @ e_dot)
+
+    def statement(self) -> Statement:
+        """PD+."""
+        return self._stated("pd_plus")
 
     def lyapunov(self, t: float, q: Array | State, v: Array, guess: Near = None) -> float:
         """𝒱 = ½ėᵀD ė + ½eᵀK_p e, in joules; along solutions 𝒱̇ = −ėᵀ(K_v + damping)ė ≤ 0. q may be a State."""
@@ -126,6 +139,10 @@ class PDOnlineGravity(TrackingLaw):
 
     def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, state: State) -> Array:
         return np.asarray(self.K_p @ e + self.K_v @ e_dot + state.g)
+
+    def statement(self) -> Statement:
+        """PD with g(q)."""
+        return self._stated("pd_gravity")
 
 
 class WithSigmaError(ControlLaw):

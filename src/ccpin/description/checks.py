@@ -182,7 +182,7 @@ class _Checker:
             element = f"loop '{closure.name}'"
             if closure.kind not in CLOSURE_KINDS:
                 raise self.fail(element, f"type '{closure.kind}' is not one of {', '.join(CLOSURE_KINDS)}")
-            for link in (closure.link_a, closure.link_b):
+            for link, _ in closure.ends:
                 if link not in self.links:
                     raise self.fail(element, f"link '{link}' does not exist")
             if closure.link_a == closure.link_b:

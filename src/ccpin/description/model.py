@@ -6,7 +6,8 @@ description can be written to: arrays (or lists) given are copied into read-only
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Literal
 
@@ -27,6 +28,18 @@ def frame(position: ArrayLike, rotation: ArrayLike = IDENTITY[:3, :3]) -> Array:
     return transform
 
 
+def frame_from_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> Array:
+    """The 4×4 transform of URDF's ``xyz`` (m) and ``rpy`` (rad, fixed axes): R = R_z(yaw) R_y(pitch) R_x(roll)."""
+    (sr, sp, sy), (cr, cp, cy) = map(math.sin, rpy), map(math.cos, rpy)
+    rows: list[list[float]] = [
+        [cp * cy, sp * (sr * cy) - cr * sy, sp * (cr * cy) + sr * sy, xyz[0]],
+        [cp * sy, sp * (sr * sy) + cr * cy, sp * (cr * sy) - sr * cy, xyz[1]],
+        [-sp, cp * sr, cp * cr, xyz[2]],
+        [0, 0, 0, 1],
+    ]
+    return np.add(rows, 0.0)  # no negative zeros
+
+
 def inverse(transform: Array) -> Array:
     """The inverse of a rigid 4×4 transform."""
     turn = transform[:3, :3].T
@@ -43,7 +56,7 @@ def rotation_to(axis: Array) -> Array:
     return np.asarray(np.eye(3) + skew(v) + gain * skew(v) @ skew(v))
 
 
-class _Placed(Record):
+class _WithPlacement(Record):
     """A record whose fields annotated ``Placement`` may be given in any of a frame's spellings."""
 
     def __post_init__(self) -> None:
@@ -72,13 +85,7 @@ def placement(value: object, name: str = "placement") -> Array:
     except InvalidInputError:
         array = np.empty(0)
     if array.shape == (2, 3):
-        (a, b, c), (x, y, z) = np.cos(array[1]), np.sin(array[1])
-        turn = [
-            [c * b, c * y * x - z * a, c * y * a + z * x],
-            [z * b, z * y * x + c * a, z * y * a - c * x],
-            [-y, b * x, b * a],
-        ]
-        return frame(array[0], turn)
+        return frame_from_rpy(*array.tolist())
     if array.shape != (4, 4):
         raise InvalidInputError(f"{name} must be a 4×4 matrix, a pinocchio.SE3 or (xyz, rpy), not {value!r:.80}")
     return array
@@ -108,7 +115,7 @@ class Shape(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Visual(_Placed):
+class Visual(_WithPlacement):
     """A shape placed in its link's frame, with its colour (red, green, blue, alpha in [0, 1])."""
 
     shape: Shape
@@ -126,7 +133,7 @@ class Link(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Joint(_Placed):
+class Joint(_WithPlacement):
     """A tree joint.
 
     `kind` is one of `ccpin.description.joint_kinds.JOINT_KINDS`, or ``fixed``.
@@ -186,7 +193,7 @@ class Motor(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class LoopClosure(_Placed):
+class LoopClosure(_WithPlacement):
     """A closed loop: frame A on `link_a` and frame B on `link_b` are joined by a joint of `kind`.
 
     The kind names the relative motion left free (number of constraint rows): spherical (3), revolute about
@@ -204,6 +211,11 @@ class LoopClosure(_Placed):
     placement_a: Placement = field(default_factory=lambda: IDENTITY)
     placement_b: Placement = field(default_factory=lambda: IDENTITY)
     length: float | None = None
+
+    @property
+    def ends(self) -> tuple[tuple[str, Array], tuple[str, Array]]:
+        """Link and frame of A and of B."""
+        return (self.link_a, self.placement_a), (self.link_b, self.placement_b)
 
 
 @dataclass(frozen=True)
@@ -256,6 +268,16 @@ class MechanismDescription(Record):
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     source: str | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> float:
+        """A length of the mechanism's own size, m: the longest way from joint to joint, or 1."""
+        return max((float(np.linalg.norm(joint.placement[:3, 3])) for joint in self.joints), default=0.0) or 1.0
+
+    @property
+    def named_poses(self) -> dict[str, Mapping[str, tuple[float, ...]]]:
+        """The reference, called "reference", and the other poses after it."""
+        return {"reference": self.reference, **{name: at for name, at in self.poses.items() if name != "reference"}}
 
     def __repr__(self) -> str:
         return (

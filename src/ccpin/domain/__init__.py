@@ -2,36 +2,37 @@
 
 from __future__ import annotations
 
+from ccpin.covering.cells import CellStatus
+from ccpin.covering.region import Region
+from ccpin.covering.runner import Work
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import CellStatus, Region
-from ccpin.domain.atlas.merging import split_region
+from ccpin.domain.atlas.certifying import certify
+from ccpin.domain.atlas.merged import split_region
 from ccpin.domain.atlas.radius_map import certified_radius
-from ccpin.domain.atlas.run import Work
-from ccpin.domain.atlas.survey import certify
+from ccpin.domain.atlas.square import kantorovich_radius, newton_steps
 from ccpin.domain.closures.seeds import scalar_coordinates_at
-from ccpin.domain.closures.task_space import JointSpace
-from ccpin.domain.curves.cover import CrossedCells, SingularCover, UncoveredBoxes
-from ccpin.domain.curves.curve import CertifiedCurve
-from ccpin.domain.curves.curves import certify_singularities
-from ccpin.domain.cusps import Cusp, cusps
-from ccpin.domain.design import Design, design, scaled_links
-from ccpin.domain.largest import LargestWorkspace, largest_ball, largest_cube
+from ccpin.domain.closures.task_coordinates import JointSpace
 from ccpin.domain.merging import merge
-from ccpin.domain.one_box import kantorovich_radius, newton_steps
-from ccpin.domain.path import CertifiedPath, certify_path
-from ccpin.domain.sheets.search import certify_sheets
+from ccpin.domain.paths.path import CertifiedPath, certify_path
+from ccpin.domain.sheets.certifying import certify_sheets
+from ccpin.domain.sheets.seams import Fold
 from ccpin.domain.sheets.sheets import ModeChange, Sheet, SheetAtlas
-from ccpin.domain.sheets.touching import Fold
-from ccpin.domain.singularities import (
+from ccpin.domain.singular.certifying import certify_singularities
+from ccpin.domain.singular.curve import CertifiedCurve
+from ccpin.domain.singular.curves import CrossedCells, SingularCover, UncoveredBoxes
+from ccpin.domain.singular.cusp_points import Cusp, cusps
+from ccpin.domain.singular.sampled import (
     SingularCurve,
     SingularityDistance,
     serial_singularities,
     singularities,
     singularity_distance,
 )
-from ccpin.domain.theorem2.system import QuadraticSystem
-from ccpin.domain.theorem2.theorem2 import Theorem2Result, theorem2, theorem2_radius
-from ccpin.domain.workspace import certify_workspace
+from ccpin.domain.theorem2.polynomials import QuadraticSystem
+from ccpin.domain.theorem2.radius import Theorem2Result, theorem2, theorem2_radius
+from ccpin.domain.workspaces.largest import LargestWorkspace, largest_ball, largest_cube
+from ccpin.domain.workspaces.synthesis import Design, design, scaled_links
+from ccpin.domain.workspaces.workspace import certify_workspace
 
 __all__ = [
     "Atlas",

@@ -8,11 +8,11 @@ from typing import TypeVar
 
 from ccpin.arrays import instance
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.merging import merge_atlases
-from ccpin.domain.curves.cover import SingularCover
-from ccpin.domain.curves.merging import merge_covers
-from ccpin.domain.sheets.merging import merge_sheets
+from ccpin.domain.atlas.merged import merge_atlases
+from ccpin.domain.sheets.merged import merge_sheets
 from ccpin.domain.sheets.sheets import SheetAtlas
+from ccpin.domain.singular.curves import SingularCover
+from ccpin.domain.singular.merged import merge_covers
 from ccpin.errors import InvalidInputError
 
 Part = TypeVar("Part", Atlas, SheetAtlas, SingularCover)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ccpin.dynamics.assembly import AssemblyMode, AssemblyModes, assembly_modes
 from ccpin.dynamics.derivatives import (
     ForwardDynamicsDerivatives,
     GeneralizedForceDerivatives,
@@ -11,7 +12,6 @@ from ccpin.dynamics.end_effector import Ellipsoid, EndEffector
 from ccpin.dynamics.free_system import Energy
 from ccpin.dynamics.inverse_kinematics import UnreachableTargetError
 from ccpin.dynamics.linearization import Linearization, closed_loop_derivative, linearize
-from ccpin.dynamics.modes import AssemblyMode, AssemblyModes, assembly_modes
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import ReducedTerms, State
 from ccpin.dynamics.wrenches import Wrench

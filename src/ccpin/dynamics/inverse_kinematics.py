@@ -11,7 +11,7 @@ from ccpin.arrays import Array, numbers
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import Near, State
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
-from ccpin.kinematics.levenberg_marquardt import Linearized, levenberg_marquardt
+from ccpin.kinematics.least_squares import Linearized, levenberg_marquardt
 from ccpin.kinematics.points import LinkPoint, rotation_error
 
 TOLERANCE = 1e-11

@@ -22,12 +22,11 @@ from ccpin.dynamics.derivatives import (
     InverseDynamicsDerivatives,
 )
 from ccpin.dynamics.free_system import Energy, FreeSystem
-from ccpin.dynamics.reference import Reference
+from ccpin.dynamics.reference_backend import ReferenceBackend
 from ccpin.dynamics.state import Near, ReducedTerms, State
 from ccpin.dynamics.wrenches import Wrenches, wrench_rows
 from ccpin.errors import InvalidInputError
-from ccpin.kinematics.checked import checked_configuration, checked_q
-from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.kinematics.coordinates import IndependentCoordinates, checked_configuration, checked_q
 from ccpin.kinematics.parametrization import ClosedPoint
 from ccpin.mechanism.mechanism import Mechanism, mechanism_of
 from ccpin.native import Backend, Declining, backend, core_of
@@ -133,7 +132,7 @@ class ReducedModel:
         wanted = frozen(checked_q(self.coordinates, q))
         answer = self.core.closed_point(self._place(near), wanted)
         if answer is not None:
-            return State(self, wanted, Reference(self, *answer))
+            return State(self, wanted, ReferenceBackend(self, *answer))
         return State.of(self, wanted, self.parametrization.sigma(wanted, self._start(near)))
 
     def alpha(self, q_free: ArrayLike) -> Array:
@@ -144,7 +143,7 @@ class ReducedModel:
         """q = α(q′) and q̇ = α_q′ q̇′ of this model at a State of it, or of its mechanism in other coordinates.
 
         Args:
-            state: The State, of this model or of a sibling (`ccpin.mechanism.siblings`).
+            state: The State, of this model or of a sibling (`ccpin.mechanism.other_coordinates.independent_sets`).
             v: The State's own independent velocities.
 
         Raises:

@@ -16,8 +16,8 @@ from ccpin.dynamics.derivatives import (
     InverseDynamicsDerivatives,
 )
 from ccpin.dynamics.free_system import Energy
-from ccpin.dynamics.reference import Model as ReferenceModel
-from ccpin.dynamics.reference import Reference, locked
+from ccpin.dynamics.reference_backend import ModelLike as ReferenceModel
+from ccpin.dynamics.reference_backend import ReferenceBackend, locked
 from ccpin.dynamics.wrenches import Applied, Wrenches, applied_wrenches, wrench_rows
 from ccpin.errors import UnderactuatedError
 from ccpin.kinematics.parametrization import ClosedPoint
@@ -25,7 +25,7 @@ from ccpin.kinematics.parametrization import ClosedPoint
 _MISSING = 1e-9
 
 
-class Model(ReferenceModel, Protocol):
+class StateModel(ReferenceModel, Protocol):
     """What a State reads of its reduced model; `ccpin.ReducedModel` says what each is."""
 
     nq: int
@@ -67,7 +67,7 @@ class State:
 
     From `ReducedModel.at`. Immutable, its arrays read-only; what is asked of it is computed once and kept. Any number
     of threads may share one. v is q̇ (n,), a is q̈ (n,), u the actuated joints' efforts (motors,); SI units, radians.
-    The compiled core answers where there is one and it can, `ccpin.dynamics.reference` all else.
+    The compiled core answers where there is one and it can, `ccpin.dynamics.reference_backend` all else.
 
     Raises:
         InvalidInputError: v, a or u has the wrong shape or is not finite (every method).
@@ -78,19 +78,19 @@ class State:
         reference: What answers where the core does not.
     """
 
-    model: Model
+    model: StateModel
     q: Array
-    reference: Reference
+    reference: ReferenceBackend
 
     def __post_init__(self) -> None:
         locked(self.q)
 
     @classmethod
-    def of(cls, model: Model, q: Array, point: ClosedPoint) -> State:
+    def of(cls, model: StateModel, q: Array, point: ClosedPoint) -> State:
         """The State at a point that is known already."""
-        return cls(model, q, Reference.of(model, point))
+        return cls(model, q, ReferenceBackend.of(model, point))
 
-    def __reduce__(self) -> tuple[type[State], tuple[Model, Array, Reference]]:
+    def __reduce__(self) -> tuple[type[State], tuple[StateModel, Array, ReferenceBackend]]:
         return State, (self.model, self.q, self.reference)
 
     def __repr__(self) -> str:

@@ -32,7 +32,7 @@ class Cluster(NamedTuple):
     joints: list[int]
 
 
-class Part(NamedTuple):
+class ClusterTree(NamedTuple):
     """A cluster cut out of a tree; the body that carries it is its world.
 
     Attributes:
@@ -55,7 +55,7 @@ class Part(NamedTuple):
         return (*(closure.name for closure in self.closures), *(coupling.name for coupling in self.couplings))
 
 
-def cut(tree: Tree, closures: Sequence[LoopClosure], couplings: Sequence[Coupling]) -> Iterator[Part]:
+def cut(tree: Tree, closures: Sequence[LoopClosure], couplings: Sequence[Coupling]) -> Iterator[ClusterTree]:
     """The clusters of a tree one by one, each after the cluster that carries it.
 
     A closure between two frames of one body ties nothing; it goes with the cluster of that body.
@@ -63,7 +63,7 @@ def cut(tree: Tree, closures: Sequence[LoopClosure], couplings: Sequence[Couplin
     paths = [loop_path(tree, closure) for closure in closures]
     joined = [[*path.a, *path.b] for path in paths]
     coupled = [[tree.joint(term.joint).number for term in coupling.terms] for coupling in couplings]
-    found = clusters([0, *(joint.parent for joint in tree.joints)], [*joined, *coupled])
+    found = find_clusters([0, *(joint.parent for joint in tree.joints)], [*joined, *coupled])
     where = {0: 0} | {joint: k for k, cluster in enumerate(found) for joint in cluster.joints}
     ties: list[tuple[list[LoopClosure], list[Coupling]]] = [([], []) for _ in found]
     for closure, path, joints in zip(closures, paths, joined, strict=True):
@@ -83,12 +83,12 @@ def _part(
     links: dict[int, list[str]],
     closures: tuple[LoopClosure, ...],
     couplings: tuple[Coupling, ...],
-) -> Part:
+) -> ClusterTree:
     members = [tree.joints[number - 1] for number in cluster.joints]
     q = np.concatenate([np.arange(joint.q.start, joint.q.stop) for joint in members])
     v = np.concatenate([np.arange(joint.v.start, joint.v.stop) for joint in members])
     if len(members) == len(tree.joints):
-        return Part(cluster, tree, closures, couplings, q, v)
+        return ClusterTree(cluster, tree, closures, couplings, q, v)
     model, joints = pin.Model(), []
     model.name, number = tree.model.name, {cluster.parent: 0}
     for joint in members:
@@ -105,10 +105,10 @@ def _part(
         for carrier in (cluster.parent, *cluster.joints)
         for link in links.get(carrier, ())
     }
-    return Part(cluster, Tree(model, tuple(joints), FrozenMapping(attachments)), closures, couplings, q, v)
+    return ClusterTree(cluster, Tree(model, tuple(joints), FrozenMapping(attachments)), closures, couplings, q, v)
 
 
-def clusters(parents: Sequence[int], ties: Iterable[Sequence[int]]) -> list[Cluster]:
+def find_clusters(parents: Sequence[int], ties: Iterable[Sequence[int]]) -> list[Cluster]:
     """The smallest groups of joints that hold every tie together and have one carrying body each, parents first.
 
     Args:

@@ -11,7 +11,7 @@ import pinocchio as pin
 from ccpin.arrays import Array
 from ccpin.description.model import Coupling, LoopClosure
 from ccpin.kinematics.loops import resolve_closures, resolve_coupling
-from ccpin.kinematics.rows import Directions, Placed, RowStack, column_rates
+from ccpin.kinematics.rows import Directions, RowStack, RowValues, column_rates
 from ccpin.kinematics.scratch import six_rows
 from ccpin.kinematics.tree import Tree
 
@@ -31,7 +31,7 @@ class ConstraintValue(NamedTuple):
     phi: Array
     jacobian: Array
     q_free: Array
-    placed: Placed
+    placed: RowValues
 
 
 class Constraints:
@@ -179,7 +179,7 @@ class Constraints:
         """Whether every closure with direction rows is closed the right way round (axes not turned end for end)."""
         return not self.turned(q_free)
 
-    def _placed(self, q_free: Array) -> Placed:
+    def _placed(self, q_free: Array) -> RowValues:
         data = self.scratch.take()
         spatial, frames = six_rows(pin.computeJointJacobians(self.model, data, q_free)), data.oMi
         poses = np.array([frames[joint].homogeneous for joint in self._rows.joints]).reshape(-1, 4, 4)

@@ -3,7 +3,8 @@
 **Theorem.** Let b be a configuration with ψ_q′(b) of full column rank, A = ψ_q′(b)⁺, and a another one. Write
 Ψ(v) = ψ(b ⊕ v), v a tangent step, and coordinates that are whole joints as tangent steps from those of b. Let
 g = ψ(a) ⊖ ψ(b), p = A g and M = A D²Ψ(0)[p, ·], and let k(E) and t(V) bound |D²Ψ(0)[e, e]| where |e| ≤ E, and
-|D³Ψ(v)[v, v, v]| where |v| ≤ V, row by row and as symmetric forms whose coefficients are not negative (`reaches`). Put
+|D³Ψ(v)[v, v, v]| where |v| ≤ V, row by row and as symmetric forms whose coefficients are not negative
+(`derivative_bounds`). Put
 
     P(E) = ½ |M p| + |M| E + |A| (½ k(E) + ⅙ t(|p| + E)).
 
@@ -47,8 +48,8 @@ from scipy.linalg import lapack
 from ccpin.arrays import Array
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.kinematics.derivative_bounds import DerivativeBounds
 from ccpin.kinematics.linear import Factor
-from ccpin.kinematics.reaches import Reaches
 
 _ROUNDOFF = 32 * 2.0**-53
 _MARGIN = 1.0 + 1e-9
@@ -73,7 +74,7 @@ class Continuation:
         self.constraints = constraints
         self.coordinates = coordinates
         self.tolerance = tolerance
-        self.reaches = Reaches(constraints, coordinates)
+        self.reaches = DerivativeBounds(constraints, coordinates)
         self.unstructured = np.random.default_rng(0).uniform(-1.0, 1.0, (constraints.size + coordinates.n, 2))
 
     def proved(self, start: ConstraintValue, end: ConstraintValue, factor: Factor, off: float) -> bool:

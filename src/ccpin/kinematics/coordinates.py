@@ -16,12 +16,15 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, skew
+from ccpin.arrays import Array, skew, vector
 from ccpin.description.joint_kinds import JointKind
 from ccpin.description.rotations import log_bias_derivative, log_jacobian, log_jacobian_rate
-from ccpin.errors import IndependentSetError
+from ccpin.errors import IndependentSetError, InvalidInputError
 from ccpin.kinematics.tree import Tree, TreeJoint
+
+_OFF = 1e-6
 
 
 class Coordinate(NamedTuple):
@@ -261,6 +264,32 @@ class IndependentCoordinates:
         if part.slides[0]:
             return float(q[part.kind.components.index(part.component)])
         return float(self.rotation_vector(part, q)[_axis(part)])
+
+
+def checked_q(coordinates: IndependentCoordinates, q: ArrayLike, name: str = "q") -> Array:
+    """Return q as a float64 vector on its manifold, of shape (coordinates.nq,).
+
+    Raises:
+        InvalidInputError: Wrong shape, not finite, or a circle or quaternion that is not of unit length.
+    """
+    array = vector(q, name, coordinates.nq)
+    if coordinates.scalar:
+        return array
+    if coordinates.off_manifold(array) > _OFF:
+        raise InvalidInputError(f"{name} holds a quaternion or (cosine, sine) pair that is not of unit length")
+    return coordinates.normalize(array)
+
+
+def checked_configuration(model: pin.Model, q_free: ArrayLike, name: str = "q_free") -> Array:
+    """Return a configuration q′ as a float64 vector, of shape (nq,).
+
+    Raises:
+        InvalidInputError: Wrong shape, not finite, or a circle or quaternion that is not of unit length.
+    """
+    array = vector(q_free, name, model.nq)
+    if model.nq != model.nv and not pin.isNormalized(model, array, _OFF):
+        raise InvalidInputError(f"{name} holds a quaternion or (cosine, sine) pair that is not of unit length")
+    return array
 
 
 def _entry(window: slice, k: int) -> slice:

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from ccpin.arrays import Array, Indices
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
-from ccpin.kinematics.clusters import clusters
+from ccpin.kinematics.clusters import find_clusters
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.continuation import Continuation
 from ccpin.kinematics.coordinates import IndependentCoordinates
@@ -365,7 +365,7 @@ def _clusters_of(tree: Tree, constraints: Constraints) -> Indices:
     owner = [joint.number for joint in tree.joints for _ in range(joint.v.start, joint.v.stop)]
     ties = [[*loop.path_a, *loop.path_b] for loop in constraints.loops]
     ties += [[owner[term.idx_v] for term in coupling.terms] for coupling in constraints.couplings]
-    found = clusters([0, *(joint.parent for joint in tree.joints)], ties)
+    found = find_clusters([0, *(joint.parent for joint in tree.joints)], ties)
     number = {joint: k for k, cluster in enumerate(found) for joint in cluster.joints}
     return np.array([number[joint] for joint in owner], dtype=np.intp)
 

@@ -19,7 +19,7 @@ from ccpin.kinematics.scratch import Scratch, six_rows
 from ccpin.kinematics.tree import Tree
 
 
-class Motion(NamedTuple):
+class PointMotion(NamedTuple):
     """A link's point at one state of the free system.
 
     Attributes:
@@ -75,7 +75,7 @@ class LinkPoint:
         self._scratch.give(data)
         return jacobian
 
-    def motion(self, q_free: Array, v_free: Array) -> Motion:
+    def motion(self, q_free: Array, v_free: Array) -> PointMotion:
         """Pose, J and J̇ along q̇′."""
         data = self._scratch.take()
         pin.computeJointJacobiansTimeVariation(self._scratch.model, data, q_free, v_free)
@@ -83,7 +83,7 @@ class LinkPoint:
         self._scratch.give(data)
         jacobian, rate = _shifted(columns, pose[:3, 3]), _shifted(rates, pose[:3, 3])
         rate[:3] -= skew(jacobian[:3] @ v_free) @ columns[3:]
-        return Motion(pose, jacobian, rate)
+        return PointMotion(pose, jacobian, rate)
 
     def _placed(self, data: pin.Data) -> Array:
         return np.asarray(data.oMi[self._joint].homogeneous @ self._frame)

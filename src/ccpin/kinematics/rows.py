@@ -32,7 +32,7 @@ from ccpin.kinematics.scratch import six_rows
 from ccpin.kinematics.tree import Tree
 
 
-class Placed(NamedTuple):
+class RowValues(NamedTuple):
     """The closures at one configuration, in world axes.
 
     Attributes:
@@ -118,29 +118,29 @@ class RowStack:
         self._left_pulls = (self._weights * (right == "gap"))[:, None]
         self._right_pulls = (self._weights * (left == "gap"))[:, None]
 
-    def place(self, poses: Array, spatial: Array) -> Placed:
+    def place(self, poses: Array, spatial: Array) -> RowValues:
         """The closures where the joints' world poses (K, 4, 4) and the spatial Jacobian (6, n′) are as given."""
         vectors = (poses[self._carrier] @ self._local)[:, :3, 0]
         x, y = self.sides(vectors)
         turning = cross(x, y) if self._turns else None
         wrenches = self._wrenches(vectors, turning, self._left_pulls * x + self._right_pulls * y)
-        return Placed(spatial, vectors, self.summed(self._weights * (x * y).sum(axis=1)), wrenches)
+        return RowValues(spatial, vectors, self.summed(self._weights * (x * y).sum(axis=1)), wrenches)
 
-    def wrenches_on_a(self, placed: Placed) -> Array:
+    def wrenches_on_a(self, placed: RowValues) -> Array:
         """f_A of every row as (force, moment about its loop's p_A), of shape (R, 6)."""
         wrenches = placed.wrenches[: self.size].copy()
         wrenches[:, 3:] -= cross(placed.vectors[self._fixed :][self._pulled[: self.size]], wrenches[:, :3])
         return wrenches
 
-    def end_points(self, placed: Placed) -> Array:
+    def end_points(self, placed: RowValues) -> Array:
         """p_A of every loop, then p_B, of shape (2 L, 3)."""
         return placed.vectors[self._fixed :]
 
-    def jacobian(self, placed: Placed) -> Array:
+    def jacobian(self, placed: RowValues) -> Array:
         """φ_q′, of shape (R, n′)."""
         return self._on_paths(placed.wrenches @ placed.spatial)
 
-    def jacobian_rate(self, placed: Placed, spatial_rate: Array, v_free: Array) -> Array:
+    def jacobian_rate(self, placed: RowValues, spatial_rate: Array, v_free: Array) -> Array:
         """d/dt φ_q′ along q̇′, of shape (R, n′); `spatial_rate` is Ṡ (6, n′)."""
         rates = self.moved(placed.vectors, self.twists(placed.spatial, v_free))
         (x, y), (x_1, y_1) = self.sides(placed.vectors), self.sides(rates)
@@ -149,7 +149,7 @@ class RowStack:
         change[:, 3:] += cross(rates[self._fixed :][self._pulled], placed.wrenches[:, :3])
         return self._on_paths(change @ placed.spatial + placed.wrenches @ spatial_rate)
 
-    def bias(self, placed: Placed, spatial_rate: Array, v_free: Array) -> Array:
+    def bias(self, placed: RowValues, spatial_rate: Array, v_free: Array) -> Array:
         """φ̇_q′ q̇′, of shape (R,): φ̈ = Σ w (ẍ·y + 2 ẋ·ẏ + x·ÿ) with q̈′ = 0."""
         twists, accelerations = self.twists(placed.spatial, v_free), self.twists(spatial_rate, v_free)
         rates = self.moved(placed.vectors, twists)
@@ -157,7 +157,7 @@ class RowStack:
         (x, y), (x_1, y_1), (x_2, y_2) = (self.sides(each) for each in (placed.vectors, rates, second))
         return self.summed(self._weights * (x_2 * y + 2.0 * x_1 * y_1 + x * y_2).sum(axis=1))
 
-    def second_derivative(self, placed: Placed, rates: Array, w: Array, steps: Array) -> Array:
+    def second_derivative(self, placed: RowValues, rates: Array, w: Array, steps: Array) -> Array:
         """D_k (φ_q′ w_j) for velocity components w (n′, j) held and tangent steps (n′, k), of shape (R, j, k).
 
         `rates` are the `column_rates` along the steps.
@@ -171,7 +171,7 @@ class RowStack:
         return self.weighted((a_ws * b + a_w * b_s + a_s * b_w + a * b_ws).sum(axis=-1))
 
     def acceleration_derivative(
-        self, placed: Placed, model: pin.Model, data: pin.Data, directions: Directions
+        self, placed: RowValues, model: pin.Model, data: pin.Data, directions: Directions
     ) -> Array:
         """D(φ_q′ q̈′ + φ̇_q′ q̇′) in each direction, the components of q̈′ held, of shape (R, k).
 
@@ -267,7 +267,7 @@ def column_rates(before: Array, spatial: Array, steps: Array) -> Array:
     return np.moveaxis(np.concatenate([linear, cross(velocity[..., 3:], columns[..., 3:])], axis=-1), 2, 0)
 
 
-class _Jet(NamedTuple):
+class _BodyJet(NamedTuple):
     """A body's spatial velocity and acceleration (6,), and in each direction its step and their changes, (k, 6)."""
 
     velocity: Array
@@ -277,14 +277,14 @@ class _Jet(NamedTuple):
     d_acceleration: Array
 
 
-def _jet(model: pin.Model, data: pin.Data, joint: int, directions: Directions) -> _Jet:
+def _jet(model: pin.Model, data: pin.Data, joint: int, directions: Directions) -> _BodyJet:
     """Pinocchio's derivatives of the components in the body's frame, carried to the world (linear at its origin).
 
     That adds δ × V for the body's own step δ. Its derivatives in the world's axes are wrong for joints of several
     degrees of freedom beyond the first.
     """
     if joint == 0:
-        return _Jet(np.zeros(6), np.zeros(6), *(np.zeros((directions.dq.shape[1], 6)) for _ in range(3)))
+        return _BodyJet(np.zeros(6), np.zeros(6), *(np.zeros((directions.dq.shape[1], 6)) for _ in range(3)))
     dq, dv, placement = directions.dq, directions.dv, data.oMi[joint]
     local = pin.getJointAccelerationDerivatives(model, data, joint, pin.ReferenceFrame.LOCAL)
     by_q, second_by_q, second_by_v, columns = (six_rows(each) for each in local)
@@ -292,4 +292,4 @@ def _jet(model: pin.Model, data: pin.Data, joint: int, directions: Directions) -
     step = to_world @ (columns @ dq)
     d_velocity = to_world @ (by_q @ dq + columns @ dv) - velocity.action @ step
     d_acceleration = to_world @ (second_by_q @ dq + second_by_v @ dv) - acceleration.action @ step
-    return _Jet(velocity.vector, acceleration.vector, step.T, d_velocity.T, d_acceleration.T)
+    return _BodyJet(velocity.vector, acceleration.vector, step.T, d_velocity.T, d_acceleration.T)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ccpin.mechanism.from_pinocchio import describe_pinocchio
-from ccpin.mechanism.loading import load
+from ccpin.mechanism.loading.loader import load
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.mechanism.mobility import Mobility
+from ccpin.mechanism.motion.mobility import Mobility
+from ccpin.mechanism.pinocchio.reader import describe_pinocchio
 
 __all__ = ["Mechanism", "Mobility", "describe_pinocchio", "load"]

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import pinocchio as pin
 
 from ccpin.arrays import Array, Record, frozen
+from ccpin.description.formats import write_description
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
-from ccpin.description.writers import write_description
 from ccpin.displays import table
 from ccpin.errors import (
     InvalidInputError,
@@ -21,14 +21,10 @@ from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import Parametrization
 from ccpin.kinematics.tree import ROOT_JOINT, Tree, build_tree
-from ccpin.mechanism.digests import mechanism_digests
-from ccpin.mechanism.mobility import Mobility
+from ccpin.mechanism.motion.mobility import Mobility
 from ccpin.mechanism.physics import JointPhysics, Motors, joint_physics, motors_of
-from ccpin.mechanism.pinocchio import constraint_models
-from ccpin.proof.digests import Digests
-
-GEOMETRY_TOLERANCE = 1e-5
-
+from ccpin.mechanism.pinocchio.writer import constraint_models
+from ccpin.proof.digests import Digests, digest
 
 _ANYTHING = ("robot", "model", "scene", "assembly")
 """What a file of any mechanism might be called."""
@@ -78,7 +74,7 @@ class Mechanism(Record):
         """The free system's Pinocchio model, the caller's own: ccpin reads nothing written to it.
 
         One copy a mechanism, made when first asked for; a pickle does not carry it. Bodies whose spin is locked have
-        all of their inertia here (`ccpin.mechanism.locking`).
+        all of their inertia here (`ccpin.mechanism.loading.locking`).
         """
         if self.held is None:
             return self.tree.model.copy()
@@ -150,8 +146,20 @@ class Mechanism(Record):
 
     @cached_property
     def digests(self) -> Digests:
-        """What it is about, but for gravity, which a model states (`ccpin.proof.digests`)."""
-        return mechanism_digests(self)
+        """What it is about, but for gravity, which a model states (`ccpin.proof.digests`).
+
+        Of closures and independent coordinates, of the dynamics, and of what a simulated plant reads besides.
+        """
+        tree, physics, motors = self.tree, self.joints, self.motors
+        masses: list[Any] = [(body.mass, body.lever, body.inertia) for body in tree.model.inertias]
+        moved = ("damping", "stiffness", "spring_reference", "armature")
+        kept = ("friction", "effort", "velocity")
+        return Digests(
+            name=f"mechanism '{self.name}'",
+            closures=digest((tree, (*self.closures, *self.locks), self.couplings, self.independent)),
+            dynamics=digest((masses, {name: getattr(physics, name) for name in moved}, self.actuated, motors.gears)),
+            plant=digest(({name: getattr(physics, name) for name in kept}, self.position_limits, motors.limits)),
+        )
 
     def save(self, path: str | Path, format: str | None = None) -> tuple[str, ...]:
         """Write the mechanism to a file, with the independent and actuated joints and the reference chosen here.

@@ -153,8 +153,8 @@ class Kernel:
 
         The number of samples, then t, q, q̇, q̈, u, q′, |φ|, q̇′ and q̈′ at each, how it ended, since when it is settled,
         evaluations, what a signal's handler raised, what a sampled loop remembers; then where it has come to: time,
-        (q, q̇), q′, the step it would take next, how many steps in a row were next to nothing.
-        `ccpin.simulation.in_core` says what the arguments and these hold.
+        (q, q̇), q′, the step it would take next, how many steps in a row were next to nothing. These are the fields of
+        `ccpin.simulation.integration.core_runs.CoreRun`, which says what the arguments hold, too.
         """
 
     def held_motion(
@@ -170,7 +170,7 @@ class Kernel:
     ) -> HeldMotion:
         """A motion to be stepped with u held, and told in the coordinates of `home`, the same mechanism's.
 
-        `leaving` tells poor coordinates (`ccpin.simulation.following`).
+        `leaving` tells poor coordinates (`ccpin.simulation.integration.coordinate_switching`).
         """
 
 class HeldMotion:

@@ -15,7 +15,7 @@ from ccpin.arrays import Array
 from ccpin.description.closure_kinds import Fixed, Vector
 from ccpin.description.joint_kinds import JointKind
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.kinematics.clusters import clusters
+from ccpin.kinematics.clusters import find_clusters
 from ccpin.kinematics.coordinates import Coordinate, IndependentCoordinates
 from ccpin.kinematics.loops import ResolvedClosure, ResolvedCoupling
 from ccpin.kinematics.tree import TreeJoint
@@ -43,7 +43,7 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
     owner = [joint.number for joint in tree.joints for _ in joint.kind.steps]
     paths = [[*loop.path_a, *loop.path_b] for loop in constraints.loops]
     coupled = [[owner[term.idx_v] for term in coupling.terms] for coupling in constraints.couplings]
-    found = clusters(parents, [*paths, *coupled])
+    found = find_clusters(parents, [*paths, *coupled])
     where = {joint: k for k, cluster in enumerate(found) for joint in cluster.joints}
     places = [_coordinate(coordinates, part, owner) for part in coordinates.parts]
 

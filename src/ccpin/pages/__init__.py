@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ccpin.pages.document import Section, render
+from ccpin.pages.html_page import Section, render
 from ccpin.pages.parts import bullets, embedded, figure, formula, paragraphs, preformatted, table, tabs
 from ccpin.pages.provenance import versions
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from ccpin.files import write_atomically
-from ccpin.paper.domain import Radii, figure6, figure7, radii, table_one
-from ccpin.paper.errata import errata
+from ccpin.paper.corrections import errata
 from ccpin.paper.experiments import MoveTimes, figure8, figure9, figure10, move_times, poles, why_slower
 from ccpin.paper.item import Drawing, Erratum, Item
-from ccpin.paper.page import page
+from ccpin.paper.move_certificate import Theorem3Facts
+from ccpin.paper.omega import Radii, figure6, figure7, radii, table_one
 from ccpin.paper.reproduction import COUNT, Reproduction, reproduce
+from ccpin.paper.reproduction_page import page
 from ccpin.paper.study import BENCH, ESTIMATE, GOAL, K_P, K_V, START, WIDTH, Study
-from ccpin.paper.theorem3 import Theorem3Facts
 
 __all__ = [
     "BENCH",

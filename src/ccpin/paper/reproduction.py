@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 from ccpin.arrays import listener
 from ccpin.pages import versions
-from ccpin.paper import control, domain, experiments, modeling, reduced, robot
-from ccpin.paper.errata import errata
+from ccpin.paper import control, experiments, modeling, omega, reduced, robot
+from ccpin.paper.corrections import errata
 from ccpin.paper.item import Erratum, Item
 from ccpin.paper.study import Study
 
@@ -17,7 +17,7 @@ CHAPTERS: tuple[tuple[str, Callable[[Study], Iterator[Item]]], ...] = (
     ("Free system and constraints", modeling.items),
     ("The reduced model", reduced.items),
     ("The Rice Planar Delta Robot", robot.items),
-    ("The domain Ω", domain.items),
+    ("The domain Ω", omega.items),
     ("PD control", control.items),
     ("Experiments", experiments.items),
 )

@@ -13,9 +13,9 @@ from ccpin.control import CoulombCompensation, PDSimpleGravity, Sampling
 from ccpin.dynamics import ReducedModel, State
 from ccpin.mechanism import load
 from ccpin.paper import printed
-from ccpin.paper.theorem3 import Theorem3Facts, theorem3_facts
+from ccpin.paper.move_certificate import Theorem3Facts, theorem3_facts
 from ccpin.simulation import Settling, SupervisedMotion, Trajectory, supervise
-from ccpin.simulation.simulate import simulate
+from ccpin.simulation.integration.single_run import simulate
 
 NAMES = ("joint1", "joint2", "joint3", "joint4")
 """The paper's order of q′, by the joints' names in the file."""

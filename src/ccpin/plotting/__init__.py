@@ -5,7 +5,7 @@ Matplotlib is imported when a figure is drawn, not before.
 
 from __future__ import annotations
 
-from ccpin.plotting.domain import plot_atlas, plot_radius_map, plot_singularities
+from ccpin.plotting.atlases import plot_atlas, plot_radius_map, plot_singularities
 from ccpin.plotting.motion import plot_configuration_panels, plot_configurations, plot_motion
 from ccpin.plotting.sheets import plot_sheets
 from ccpin.plotting.stability import plot_lyapunov, plot_sublevel

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, heading, instance, matrix_rows, numbers, records
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.mechanism.outline import outline, plane_of_motion
+from ccpin.mechanism.wireframe import outline, plane_of_motion
 from ccpin.plotting.style import COLOURS, drawing
 from ccpin.proof.digests import require_same
-from ccpin.simulation.trajectory import Trajectory
+from ccpin.simulation.results.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import heading, instance, matrix_rows, records
-from ccpin.domain.atlas.store import require_about
-from ccpin.domain.cusps import Cusp
+from ccpin.domain.closures.packing import require_about
 from ccpin.domain.sheets.sheets import SheetAtlas
+from ccpin.domain.singular.cusp_points import Cusp
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.plotting.style import drawing

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, heading, instance, matrix_rows, positive, vector
 from ccpin.control.laws import PDSimpleGravity
-from ccpin.control.stability.theorem3 import SetPointCertificate
-from ccpin.domain.atlas.cells import Corners, corners_of
+from ccpin.control.stability.set_point.theorem3 import SetPointCertificate
+from ccpin.covering.region import Corners, corners_of
 from ccpin.errors import CcpinError, UnsupportedMechanismError
 from ccpin.plotting.style import COLOURS, drawing
-from ccpin.simulation.metrics import LyapunovHistory
+from ccpin.simulation.results.metrics import LyapunovHistory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

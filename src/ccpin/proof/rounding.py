@@ -11,7 +11,7 @@ cells that touch overlap, and a point within u|q| of the cell lies in the box.
 u²s < 1.3e-15. `widened` adds 4u(|c̃| + h̃) + 1e-14; its own roundings are u of the sum, which is u·h̃ and less than 5u²
 of the rest. What remains of 4u(|c̃| + h̃) is above 2u|c̃| + 1.9u·h̃, of 1e-14 above 8e-15. ∎
 
-`Region.position` computes c̃ so (`ccpin.domain.atlas.cells`). The absolute 1e-14 lets points be asked about that carry a
+`Region.position` computes c̃ so (`ccpin.covering.region`). The absolute 1e-14 lets points be asked about that carry a
 rounding of numbers of order one, in cells about zero.
 """
 

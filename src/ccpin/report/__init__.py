@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from ccpin.report.page import PARTS, Report, write
-from ccpin.report.settings import Settings
+from ccpin.report.settings import ReportSettings
 
-__all__ = ["PARTS", "Report", "Settings", "write"]
+__all__ = ["PARTS", "Report", "ReportSettings", "write"]

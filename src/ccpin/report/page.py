@@ -16,8 +16,8 @@ from ccpin.files import writable_target, write_atomically
 from ccpin.mechanism import Mechanism
 from ccpin.mechanism.mechanism import HasMechanism, mechanism_of
 from ccpin.pages import Section, bullets, paragraphs, preformatted, render, versions
-from ccpin.report import domain, experiment, identity, modes
-from ccpin.report.settings import Settings
+from ccpin.report import description_facts, mode_pictures, set_point_move, validity
+from ccpin.report.settings import ReportSettings
 
 T = TypeVar("T")
 PARTS = ("what it is", "experiment", "animation", "assembly modes", "domain")
@@ -41,7 +41,7 @@ class Report(NamedTuple):
 def write(
     mechanism: Mechanism | HasMechanism,
     path: str | Path,
-    settings: Settings | None = None,
+    settings: ReportSettings | None = None,
     *,
     command: str | None = None,
     progress: Callable[[str], None] | None = None,
@@ -58,17 +58,17 @@ def write(
     Raises:
         InvalidInputError: The page cannot be written; a start or goal is malformed.
     """
-    mechanism, settings = mechanism_of(mechanism), Settings() if settings is None else settings
+    mechanism, settings = mechanism_of(mechanism), ReportSettings() if settings is None else settings
     target = writable_target(path)
-    work = _Work(listener(progress))
+    work = _PartRunner(listener(progress))
     model = ReducedModel(mechanism)
-    about = work.part("what it is", lambda: identity.identity(model))
+    about = work.part("what it is", lambda: description_facts.identity(model))
     asked = settings.start is not None or settings.goal is not None
-    moved = work.part("experiment", lambda: experiment.run(model, settings), required=asked)
-    shown = work.failure("experiment") if moved is None else experiment.experiment(model, moved)
-    scene = work.part("animation", lambda: experiment.animation(mechanism, None if moved is None else moved.motion))
-    found = work.part("assembly modes", lambda: modes.modes(model, settings))
-    where = work.part("domain", lambda: domain.domain(model, settings))
+    moved = work.part("experiment", lambda: set_point_move.run(model, settings), required=asked)
+    shown = work.failure("experiment") if moved is None else set_point_move.experiment(model, moved)
+    scene = work.part("animation", lambda: set_point_move.animation(mechanism, None if moved is None else moved.motion))
+    found = work.part("assembly modes", lambda: mode_pictures.modes(model, settings))
+    where = work.part("domain", lambda: validity.domain(model, settings))
     sections = [
         Section("what", "What it is", about or work.failure("what it is")),
         Section("animation", "In motion", scene or work.failure("animation")),
@@ -82,7 +82,7 @@ def write(
     return Report(target, work.seconds, work.failed)
 
 
-class _Work:
+class _PartRunner:
     """Runs the parts, keeps their times and the reasons of those that failed."""
 
     def __init__(self, progress: Callable[[str], object]) -> None:
@@ -109,7 +109,7 @@ class _Work:
         return paragraphs(f"This part cannot be had here: {self.failed.get(name, 'it was not computed')}.")
 
 
-def _repeat(mechanism: Mechanism, settings: Settings, command: str | None, seconds: dict[str, float]) -> str:
+def _repeat(mechanism: Mechanism, settings: ReportSettings, command: str | None, seconds: dict[str, float]) -> str:
     lines = preformatted(command) if command is not None else ""
     facts = [f"{name}: `{told}`" for name, told in versions()]
     facts += [

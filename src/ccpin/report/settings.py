@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ccpin.mechanism import Mechanism
 
 
-class Settings(NamedTuple):
+class ReportSettings(NamedTuple):
     """What a report is made with; all of it is printed on the page.
 
     Attributes:

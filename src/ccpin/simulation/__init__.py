@@ -2,39 +2,38 @@
 
 from __future__ import annotations
 
-from ccpin.simulation.budget import Budget
-from ccpin.simulation.cases import grid, latin_hypercube, sobol
-from ccpin.simulation.contact import Contact
-from ccpin.simulation.demands import Demands, demands
-from ccpin.simulation.disturbances import Disturbance, Push
-from ccpin.simulation.exceeded import Exceeded, exceeded
-from ccpin.simulation.forces import BearingForce, PeakForce, closure_forces, closure_forces_at, joint_forces
-from ccpin.simulation.friction import JointFriction
-from ccpin.simulation.happenings import Event
-from ccpin.simulation.journal import Move
-from ccpin.simulation.limits import Limits
-from ccpin.simulation.metrics import LyapunovHistory, Metrics, lyapunov_along, set_point_metrics
-from ccpin.simulation.motors import MotorModel
-from ccpin.simulation.samples import Happening, StateSample, Stop
-from ccpin.simulation.settling import Settling
-from ccpin.simulation.simulate import simulate
-from ccpin.simulation.stepper import METHODS, Simulator
-from ccpin.simulation.stick_slip import FrictionForce, friction_force
-from ccpin.simulation.supervision import SupervisedMotion, supervise
-from ccpin.simulation.sweeps import Sweep, SweepProgress, sweep
-from ccpin.simulation.trajectory import Trajectory, load_npz
+from ccpin.simulation.events.samples import EventRecord, StateSample, Stop
+from ccpin.simulation.events.settling import Settling
+from ccpin.simulation.events.watches import Event
+from ccpin.simulation.integration.budget import Budget
+from ccpin.simulation.integration.simulator import METHODS, Simulator
+from ccpin.simulation.integration.single_run import simulate
+from ccpin.simulation.plant.contact import Contact
+from ccpin.simulation.plant.disturbances import Disturbance, Push
+from ccpin.simulation.plant.friction import JointFriction
+from ccpin.simulation.plant.limits import Limits
+from ccpin.simulation.plant.motors import MotorModel
+from ccpin.simulation.plant.stick_slip import FrictionForce, friction_force
+from ccpin.simulation.results.forces import BearingForce, PeakForce, closure_forces, closure_forces_at, joint_forces
+from ccpin.simulation.results.limit_violations import Exceeded, exceeded
+from ccpin.simulation.results.metrics import LyapunovHistory, Metrics, lyapunov_along, set_point_metrics
+from ccpin.simulation.results.sizing import Sizing, demands
+from ccpin.simulation.results.trajectory import Trajectory, load_npz
+from ccpin.simulation.studies.cases import grid, latin_hypercube, sobol
+from ccpin.simulation.studies.journal import Move
+from ccpin.simulation.studies.supervision import SupervisedMotion, supervise
+from ccpin.simulation.studies.sweeps import Sweep, SweepProgress, sweep
 
 __all__ = [
     "METHODS",
     "BearingForce",
     "Budget",
     "Contact",
-    "Demands",
     "Disturbance",
     "Event",
+    "EventRecord",
     "Exceeded",
     "FrictionForce",
-    "Happening",
     "JointFriction",
     "Limits",
     "LyapunovHistory",
@@ -45,6 +44,7 @@ __all__ = [
     "Push",
     "Settling",
     "Simulator",
+    "Sizing",
     "StateSample",
     "Stop",
     "SupervisedMotion",

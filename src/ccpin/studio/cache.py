@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.containers import plain_arrays
+from ccpin.covering.sources import code_digest
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.code import code_digest
-from ccpin.domain.atlas.store import pack_reading
+from ccpin.domain.closures.packing import pack_reading
 from ccpin.domain.closures.system import Reading
 from ccpin.errors import CcpinError
 from ccpin.files import write_atomically

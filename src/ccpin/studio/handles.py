@@ -13,7 +13,7 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.mechanism.outline import plane_of_motion
+from ccpin.mechanism.wireframe import plane_of_motion
 
 TOOLS = ("end_effector", "effector", "tool", "platform", "coupler", "foot", "toe", "hand", "flange")
 """Words in a name that make it the first guess for what is worth dragging, best first."""
@@ -92,8 +92,7 @@ def _places(mechanism: Mechanism) -> list[tuple[str, tuple[str, Array]]]:
     moving = {name for name, at in mechanism.tree.attachments.items() if at.joint > 0}
     places: list[tuple[str, tuple[str, Array]]] = []
     for closure in mechanism.closures:
-        ends = ((closure.link_a, closure.placement_a), (closure.link_b, closure.placement_b))
-        carried = [(name, placement[:3, 3]) for name, placement in ends if name in moving]
+        carried = [(name, placement[:3, 3]) for name, placement in closure.ends if name in moving]
         places += [(closure.name, end) for end in carried[:1]]
     named = {name for name, _ in places}
     for link in mechanism.description.links:

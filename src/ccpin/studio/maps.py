@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
-from ccpin.control.stability.flood import Flooded
-from ccpin.control.stability.theorem3 import certify_law
-from ccpin.domain.theorem2.theorem2 import theorem2_radius
+from ccpin.control.stability.set_point.flood import Flooded
+from ccpin.control.stability.set_point.theorem3 import certify_law
+from ccpin.domain.theorem2.radius import theorem2_radius
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.studio import chart
-from ccpin.studio.chart import Cells, Charted, Line
-from ccpin.studio.experiment import Plan
+from ccpin.studio import map_pieces
 from ccpin.studio.jobs import Job, Jobs, Message
+from ccpin.studio.map_pieces import Charted, Line, MapCells
+from ccpin.studio.recorded_run import RunPlan
 from ccpin.studio.subject import Subject
 
 
-class Place(Protocol):
+class MapSource(Protocol):
     """Whose map it is: what it reads of a session."""
 
     subject: Subject
@@ -46,7 +46,7 @@ class Maps:
     """
 
     def __init__(
-        self, place: Place, jobs: Jobs, keep: Callable[[Message], Message], withdraw: Callable[[str], None]
+        self, place: MapSource, jobs: Jobs, keep: Callable[[Message], Message], withdraw: Callable[[str], None]
     ) -> None:
         self._place, self._jobs, self._keep, self._withdraw = place, jobs, keep, withdraw
         self.charted: Charted | None = None
@@ -67,12 +67,12 @@ class Maps:
 
         def work(job: Job) -> Callable[[], Message]:
             try:
-                charted = chart.charted(subject.model, here, subject.cache, job)
+                charted = map_pieces.charted(subject.model, here, subject.cache, job)
             except CcpinError as error:
                 words = str(error)
                 return lambda: self._keep({"kind": "chart", "cells": None, "curves": [], "words": words, "done": True})
             job.hand_over(lambda: self._take_chart(charted))
-            curves = chart.curves(subject.model, subject.cache, job)
+            curves = map_pieces.curves(subject.model, subject.cache, job)
             return lambda: self._keep({**_told_chart(charted, curves), "done": True})
 
         self._jobs.start("chart", work)
@@ -95,7 +95,7 @@ class Maps:
 
         def work(job: Job) -> Callable[[], Message]:
             job.progress(None, "sampling the slice")
-            found = chart.flood(subject.model, subject.dials, here, axes, window, lambda state: state.rcond, job)
+            found = map_pieces.flood(subject.model, subject.dials, here, axes, window, lambda state: state.rcond, job)
             value = [[None if np.isnan(one) else float(one) for one in row] for row in found.value]
             samples = {"x": found.x.tolist(), "y": found.y.tolist(), "value": value}
             return lambda: self._keep({"kind": "slice", "axes": axes, "cells": None, "samples": samples})
@@ -132,7 +132,7 @@ class Maps:
 
     def _sublevel(self, message: Message) -> None:
         """Theorem 3's 𝒱 < c about the goal under (28): c certified, its edge sampled."""
-        plan = Plan.of({**message, "law": "simple"}, self._place.goal)
+        plan = RunPlan.of({**message, "law": "simple"}, self._place.goal)
         axes = self._axes(message)
         subject, window = self._place.subject, self._window(axes)
         atlas = None if self.charted is None else self.charted.atlas
@@ -144,7 +144,7 @@ class Maps:
             found = certify_law(law, own, progress=lambda done: _tell(job, done))
             lines: list[Array] = []
             if found.level > 0:
-                lines = chart.sublevel(law, subject.dials, axes, window, found.level, job)
+                lines = map_pieces.sublevel(law, subject.dials, axes, window, found.level, job)
             edge = [line.tolist() for line in lines]
             words = f"{found.verdict}: {found.reason}"
             told = {"kind": "sublevel", "axes": axes, "level": found.level, "lines": edge, "words": words}
@@ -167,7 +167,7 @@ def _told_chart(charted: Charted, curves: tuple[Line, ...]) -> Message:
     return {"kind": "chart", "cells": _packed(flat), "curves": told, "words": words, "region": region}
 
 
-def _packed(cells: Cells | None) -> Message | None:
+def _packed(cells: MapCells | None) -> Message | None:
     """Cells as base64 of float32 (lower, upper) and bytes (status)."""
     if cells is None:
         return None

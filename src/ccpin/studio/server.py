@@ -6,11 +6,11 @@ import json
 import threading
 import webbrowser
 
-from ccpin.studio.page import studio_page
+from ccpin.studio.driving_page import studio_page
 from ccpin.studio.session import Session
 from ccpin.studio.subject import Subject
-from ccpin.visualization.page import Recorder
-from ccpin.visualization.server import Connection, Server
+from ccpin.visualization.guarded_server import PageSocket, Server
+from ccpin.visualization.scene_page import CommandRecorder
 
 LAST_WORK = 5.0
 """Seconds in which cancelled work ends when the studio closes."""
@@ -30,7 +30,7 @@ class Studio:
 
     def __init__(self, subject: Subject, port: int = 0, open_browser: bool = False) -> None:
         self.subject = subject
-        recorder = Recorder()
+        recorder = CommandRecorder()
         scene = subject.scene(recorder)
         text = studio_page(subject.title, recorder.commands, subject.told(scene))
         self._closed = threading.Event()
@@ -66,6 +66,6 @@ class Studio:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _welcome(self, page: Connection) -> Session:
+    def _welcome(self, page: PageSocket) -> Session:
         """The session of a page that has opened; what it tells is a JSON text each."""
         return Session(self.subject, lambda message: page.send(json.dumps(message)))

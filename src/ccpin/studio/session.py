@@ -9,14 +9,14 @@ from collections.abc import Callable
 from typing import Any
 
 from ccpin.arrays import whole
-from ccpin.dynamics.modes import ModeSearch, assembly_modes
+from ccpin.dynamics.assembly import ModeSearch, assembly_modes
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, SingularConfigurationError, UnreachableError
-from ccpin.studio import experiment, keeping
-from ccpin.studio.branches import Branches
-from ccpin.studio.experiment import Motion, Plan
+from ccpin.studio import export, recorded_run
 from ccpin.studio.jobs import Job, Jobs, Message
 from ccpin.studio.maps import Maps
+from ccpin.studio.modes_here import Branches
+from ccpin.studio.recorded_run import Recording, RunPlan
 from ccpin.studio.subject import Subject, Tap, Told
 from ccpin.visualization.annotations import draw_ghosts
 
@@ -52,7 +52,7 @@ class Session:
         self.goal: State = subject.reference
         self._branches = Branches.unknown()
         self._maps = Maps(self, self._jobs, self._keep, self._withdraw)
-        self._motion: Motion | None = None
+        self._motion: Recording | None = None
         self._record: list[tuple[float, State]] | None = None
         self._shown: dict[str, Message] = {}
         self._orders: dict[str, Callable[[Message], Message | None]] = {
@@ -140,7 +140,7 @@ class Session:
         """Views from which all of it is seen, where it has left the frame."""
         self._tap.take()
         self._scene.keep_in_frame(self.here.q_free)
-        return {"kind": "frame", "commands": keeping.encoded(self._tap.take())}
+        return {"kind": "frame", "commands": export.encoded(self._tap.take())}
 
     # Assembly modes.
 
@@ -178,27 +178,27 @@ class Session:
         self._withdraw("sublevel")
         draw_ghosts(self._scene, {"goal": self.goal.q_free})
         values = self.subject.dials.values(self.goal.q).tolist()
-        return self._keep({"kind": "goal", "q": values, "commands": keeping.encoded(self._tap.take())})
+        return self._keep({"kind": "goal", "q": values, "commands": export.encoded(self._tap.take())})
 
     def _offer_gains(self, message: Message) -> Message:
-        K_p, K_v = experiment.offered_gains(self.subject.model, self.goal, message.get("law", "simple"))
+        K_p, K_v = recorded_run.offered_gains(self.subject.model, self.goal, message.get("law", "simple"))
         return {"kind": "gains", "K_p": K_p.tolist(), "K_v": K_v.tolist()}
 
     def _simulate(self, message: Message) -> None:
-        model, plan, start = self.subject.model, Plan.of(message, self.goal), self.here
-        self._perform("simulate", lambda job: experiment.run(model, plan, start, job))
+        model, plan, start = self.subject.model, RunPlan.of(message, self.goal), self.here
+        self._perform("simulate", lambda job: recorded_run.run(model, plan, start, job))
 
-    def _perform(self, name: str, make: Callable[[Job], Motion]) -> None:
+    def _perform(self, name: str, make: Callable[[Job], Recording]) -> None:
         """Make a motion, and what plots and picture need of it, in a thread."""
 
         def work(job: Job) -> Callable[[], Message]:
             motion = make(job)
-            told = keeping.told_motion(motion, self.subject)
+            told = export.told_motion(motion, self.subject)
             return lambda: self._show(motion, told)
 
         self._jobs.start(name, work)
 
-    def _show(self, motion: Motion, told: Message) -> Message:
+    def _show(self, motion: Recording, told: Message) -> Message:
         self._motion = motion
         return self._keep(told)
 
@@ -219,20 +219,20 @@ class Session:
             return {"kind": "recording", "on": True}
         record, self._record = self._record, None
         times, states, model = [at for at, _ in record], [state for _, state in record], self.subject.model
-        self._perform("record", lambda job: experiment.recorded(model, times, states))
+        self._perform("record", lambda job: recorded_run.recorded(model, times, states))
         return {"kind": "recording", "on": False}
 
     def _save(self, message: Message) -> Message:
         if self._motion is None:
             raise InvalidInputError("there is no motion to save: simulate or record one")
-        return keeping.saved(self._motion, message.get("format"))
+        return export.saved(self._motion, message.get("format"))
 
     def _export(self, message: Message) -> Message:
         """The page as it is, as one file that needs no server."""
         self._scene.place(self.here.q_free)
         self._tap.take()
         shown = [*sorted(self._shown.values(), key=lambda message: message["kind"] != "chart"), self._pose()]
-        return keeping.exported(self.subject, self._scene, self._tap.commands, shown)
+        return export.exported(self.subject, self._scene, self._tap.commands, shown)
 
     def _cancel(self, message: Message) -> Message:
         job = str(message.get("job"))

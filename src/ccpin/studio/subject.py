@@ -11,22 +11,22 @@ from ccpin.arrays import Array, heading
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.mechanism.alike import Likeness
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.poses.same_pose import Likeness
 from ccpin.studio.cache import Cache
 from ccpin.studio.dials import Dials
-from ccpin.studio.experiment import LAWS
 from ccpin.studio.handles import Handle, handles_of
+from ccpin.studio.recorded_run import LAWS
 from ccpin.visualization.annotations import name_joints
 from ccpin.visualization.camera import plane_normal
-from ccpin.visualization.page import Recorder
 from ccpin.visualization.scene import Scene
+from ccpin.visualization.scene_page import CommandRecorder
 
 SLACK = 1e-9
 """How far (rad, m) a joint may be beyond its limit without a word."""
 
 
-class Tap(Recorder):
+class Tap(CommandRecorder):
     """A recorder of which the commands since the last look can be taken."""
 
     def __init__(self) -> None:
@@ -70,12 +70,12 @@ class Subject:
         self.cache = Cache() if cache is None else cache
         self.title = heading(title, mechanism.title)
         self.reference = self.model.at(self.model.alpha(mechanism.q_reference), mechanism.q_reference)
-        scene = self.scene(Recorder())
+        scene = self.scene(CommandRecorder())
         self.handles: dict[str, Handle] = {handle.name: handle for handle in handles_of(self.model, scene.size)}
         self.likeness = Likeness(mechanism.tree, mechanism.constraints())
         self._limits = self._limited()
 
-    def scene(self, recorder: Recorder) -> Scene:
+    def scene(self, recorder: CommandRecorder) -> Scene:
         """A scene of its own at the reference, drawn into a recorder."""
         import meshcat
 

@@ -5,10 +5,10 @@ Needs python-flint (the extra ``validated``), which is imported when a function 
 
 from __future__ import annotations
 
-from ccpin.validated.certificate import MoveCertificate, certify_move
-from ccpin.validated.enclose import Enclosure, StateBox, enclose
-from ccpin.validated.sets import SetEnclosure, enclose_set
-from ccpin.validated.tubes import Starts, Tube
+from ccpin.validated.flow.enclosure import Enclosure, StateBox, enclose
+from ccpin.validated.sets.move import MoveCertificate, certify_move
+from ccpin.validated.sets.set_enclosure import SetEnclosure, enclose_set
+from ccpin.validated.sets.subdivision import Starts, Tube
 
 __all__ = [
     "Enclosure",

@@ -19,10 +19,10 @@ from ccpin.visualization.annotations import Tracked, name_joints
 from ccpin.visualization.embedded import Embedded
 from ccpin.visualization.film import FILMS, PAGES, STILLS, Shot, write
 from ccpin.visualization.live import LiveRecorder, Viewer, serve_scene
-from ccpin.visualization.page import Recorder, render_page
 from ccpin.visualization.playback import HasForce, checked_pose
 from ccpin.visualization.playing import play
 from ccpin.visualization.scene import Scene
+from ccpin.visualization.scene_page import CommandRecorder, render_page
 
 __all__ = [
     "FILMS",
@@ -80,7 +80,7 @@ def animate(
     """
     mechanism = mechanism_of(mechanism)
     shot = Shot(path, (*PAGES, *FILMS), size, fps)
-    recorder = Recorder()
+    recorder = CommandRecorder()
     frames = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, forces=forces, loop=True)[1]
     return write(shot, render_page(heading(title, mechanism.title), recorder.commands), frames, progress)
 
@@ -101,7 +101,7 @@ def embed(
 
     Arguments and errors as for `view`; `height` is that of its frame in pixels.
     """
-    mechanism, recorder = mechanism_of(mechanism), Recorder()
+    mechanism, recorder = mechanism_of(mechanism), CommandRecorder()
     _show(mechanism, recorder, q_free, t, fps=fps, speed=speed, trace=trace, forces=forces, loop=True)
     return Embedded(render_page(heading(title, mechanism.title), recorder.commands), whole(height, "height"))
 
@@ -121,7 +121,7 @@ def snapshot(
     """
     mechanism = mechanism_of(mechanism)
     shot = Shot(path, (*PAGES, *STILLS), size)
-    recorder = Recorder()
+    recorder = CommandRecorder()
     _pose(mechanism, recorder, q_free)
     return write(shot, render_page(heading(title, mechanism.title), recorder.commands), 1)
 
@@ -155,13 +155,13 @@ def view(
     return Viewer(scene, serve_scene(render_page(words, (), live=True), recorder), open_browser)
 
 
-def _scene(mechanism: Mechanism, recorder: Recorder) -> Scene:
+def _scene(mechanism: Mechanism, recorder: CommandRecorder) -> Scene:
     import meshcat
 
     return Scene(mechanism, meshcat.Visualizer(window=recorder))
 
 
-def _pose(mechanism: Mechanism, recorder: Recorder, q_free: ArrayLike | None) -> Scene:
+def _pose(mechanism: Mechanism, recorder: CommandRecorder, q_free: ArrayLike | None) -> Scene:
     """A scene that shows one configuration (default: the reference)."""
     pose = checked_pose(mechanism, mechanism.q_reference if q_free is None else q_free)
     scene = _scene(mechanism, recorder)
@@ -172,7 +172,7 @@ def _pose(mechanism: Mechanism, recorder: Recorder, q_free: ArrayLike | None) ->
 
 
 def _show(
-    mechanism: Mechanism, recorder: Recorder, q_free: ArrayLike | None, t: ArrayLike | None, **playing: Any
+    mechanism: Mechanism, recorder: CommandRecorder, q_free: ArrayLike | None, t: ArrayLike | None, **playing: Any
 ) -> Scene:
     """A scene that plays a trajectory where times are given, else shows one configuration."""
     if t is not None:
@@ -186,7 +186,7 @@ def _show(
 
 def _play(
     mechanism: Mechanism,
-    recorder: Recorder,
+    recorder: CommandRecorder,
     t: ArrayLike,
     q_free: ArrayLike,
     *,

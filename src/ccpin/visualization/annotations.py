@@ -15,7 +15,7 @@ from ccpin.mechanism.mechanism import Mechanism
 from ccpin.visualization.playback import HasForce, resampled
 from ccpin.visualization.scene import Scene
 from ccpin.visualization.shapes import material, triangles, tube
-from ccpin.visualization.skeleton import ends_of
+from ccpin.visualization.stick_figure import ends_of
 
 Tracked: TypeAlias = "str | tuple[str, ArrayLike]"
 """What a trace follows: a link or a loop by name, or (link, point in its frame)."""

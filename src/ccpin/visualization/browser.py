@@ -17,7 +17,7 @@ DRIVER = "GL Driver Message"
 T = TypeVar("T")
 
 
-class Page:
+class BrowserPage:
     """A page open in a headless Chromium (or Chrome, Edge, Brave) found on this machine; a context manager.
 
     The browser is choreographer's, in a process of its own that ends with the page.
@@ -81,7 +81,7 @@ class Page:
         self._thread.join(TIMEOUT)
         self._loop.close()
 
-    def __enter__(self) -> Page:
+    def __enter__(self) -> BrowserPage:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from ccpin.arrays import listener, positive, whole
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.files import writable_target, write_atomically
-from ccpin.visualization.browser import Page
+from ccpin.visualization.browser import BrowserPage
 
 PAGES = (".html", ".htm")
 """The endings of self-contained web pages."""
@@ -78,7 +78,7 @@ def write(shot: Shot, page: str, frames: int, progress: Callable[[int, int], Non
     with tempfile.TemporaryDirectory(prefix="ccpin-film-") as folder:
         source = Path(folder, "page.html")
         source.write_text(page, encoding="utf-8")
-        with Page(source.as_uri(), *shot.size) as opened:
+        with BrowserPage(source.as_uri(), *shot.size) as opened:
             film = Path(folder, f"film{shot.ending}")
             encode(_shots(opened, frames, told), film, shot)
         with film.open("rb") as done:
@@ -86,7 +86,7 @@ def write(shot: Shot, page: str, frames: int, progress: Callable[[int, int], Non
     return shot.target
 
 
-def _shots(page: Page, frames: int, told: Callable[[int, int], object]) -> Iterator[Any]:
+def _shots(page: BrowserPage, frames: int, told: Callable[[int, int], object]) -> Iterator[Any]:
     """Each frame as the browser shows it, as an RGB picture of Pillow's."""
     from PIL import Image
 

@@ -9,28 +9,28 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from numpy.typing import ArrayLike
 
 from ccpin.visualization.embedded import frame
-from ccpin.visualization.page import Recorder
+from ccpin.visualization.guarded_server import Guest, PageSocket, Server
 from ccpin.visualization.playback import checked_pose
-from ccpin.visualization.server import Connection, Guest, Server
+from ccpin.visualization.scene_page import CommandRecorder
 
 if TYPE_CHECKING:
     from ccpin.visualization.scene import Scene
 
 
-class LiveRecorder(Recorder):
+class LiveRecorder(CommandRecorder):
     """A recorder that also forwards each command to the pages that are open, and greets a new one with them all."""
 
     def __init__(self) -> None:
         super().__init__()
         self._lock = threading.RLock()
-        self._pages: set[Connection] = set()
+        self._pages: set[PageSocket] = set()
 
     def send(self, command: Any) -> None:
         """Keep a command and show it."""
         with self._lock:
             super().send(command)
 
-    def join(self, page: Connection) -> Guest:
+    def join(self, page: PageSocket) -> Guest:
         """Show everything to a page that has opened."""
         with self._lock:
             self._pages.add(page)
@@ -38,7 +38,7 @@ class LiveRecorder(Recorder):
                 page.send(command, greeting=True)
         return _Watcher(self, page)
 
-    def leave(self, page: Connection) -> None:
+    def leave(self, page: PageSocket) -> None:
         """Forget a page."""
         with self._lock:
             self._pages.discard(page)
@@ -52,7 +52,7 @@ class _Watcher(NamedTuple):
     """A page that shows a scene, and has nothing to say."""
 
     recorder: LiveRecorder
-    page: Connection
+    page: PageSocket
 
     def hear(self, message: str | bytes) -> None:
         """Nothing comes of it."""

@@ -13,7 +13,6 @@ from ccpin.arrays import Array
 from ccpin.description.model import frame
 from ccpin.kinematics.points import joint_poses
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.visualization.bodies import Body, drawn_bodies
 from ccpin.visualization.camera import (
     FIELD_OF_VIEW,
     Framing,
@@ -23,7 +22,8 @@ from ccpin.visualization.camera import (
     up_axes,
     view_directions,
 )
-from ccpin.visualization.page import Command
+from ccpin.visualization.drawn_bodies import Body, drawn_bodies
+from ccpin.visualization.scene_page import SceneCommand
 from ccpin.visualization.shapes import material, parts
 
 CAMERA = "/Cameras/default/rotated/<object>"
@@ -173,7 +173,7 @@ class Scene:
 
     def _set_property(self, path: str, name: str, value: object) -> None:
         """Set a property by its exact name: MeshCat 0.3's own `set_property` puts names in lower case."""
-        self.visualizer.window.send(Command(type="set_property", path=path, property=name, value=value))
+        self.visualizer.window.send(SceneCommand(type="set_property", path=path, property=name, value=value))
 
     def _set_lights(self, direction: Array) -> None:
         """Lights that stand as the first view sees them; the key light alone casts shadows."""
@@ -188,7 +188,7 @@ class Scene:
                 "matrix": frame(seen @ np.array(towards)).T.ravel().tolist(),
             }
             shown = {"metadata": {}, "object": light}
-            self.visualizer.window.send(Command(type="set_object", path=f"/Lights/{name}", object=shown))
+            self.visualizer.window.send(SceneCommand(type="set_object", path=f"/Lights/{name}", object=shown))
             self._set_property(f"/Lights/{name}/<object>", "castShadow", name == "Key")
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from ccpin.arrays import Array, frozen
-from ccpin.description.meshes import LARGEST, SUFFIXES, is_mesh
+from ccpin.description.elements.meshes import LARGEST, SUFFIXES, is_mesh
 from ccpin.description.model import Shape, frame
 
 MAX_FACES_SMOOTHED = 50_000
@@ -158,7 +158,7 @@ def _principal(points: Array) -> Array:
     return np.asarray(rows[::-1].T)
 
 
-class Tube(NamedTuple):
+class TubeMesh(NamedTuple):
     """A tube along a polyline.
 
     Attributes:
@@ -170,7 +170,7 @@ class Tube(NamedTuple):
     ends: NDArray[np.int64]
 
 
-def tube(points: Array, radius: float, sides: int = 8) -> Tube | None:
+def tube(points: Array, radius: float, sides: int = 8) -> TubeMesh | None:
     """An open-ended tube of `radius` (m) along a polyline of points (N, 3); ``None`` where it has no length.
 
     Each ring is the previous one turned by the smallest rotation between the two tangents.
@@ -197,4 +197,6 @@ def tube(points: Array, radius: float, sides: int = 8) -> Tube | None:
     first = np.arange(sides * (len(points) - 1))
     turned = first - first % sides + (first + 1) % sides
     pairs = np.stack([first, turned, first + sides, turned, turned + sides, first + sides], 1)
-    return Tube(Triangles(np.concatenate(rings), pairs.reshape(-1, 3)), 6 * sides * np.maximum(np.cumsum(kept) - 1, 0))
+    return TubeMesh(
+        Triangles(np.concatenate(rings), pairs.reshape(-1, 3)), 6 * sides * np.maximum(np.cumsum(kept) - 1, 0)
+    )

@@ -6,7 +6,7 @@ import pytest
 import ccpin
 from ccpin.control import Budget, ComputedTorque, PDSimpleGravity, certify_law, certify_tracking
 from ccpin.control.references import PointToPoint
-from ccpin.mechanism.left_out import limits_left_out, mass_assumed, massless, rubbing, without_dry_friction
+from ccpin.mechanism.assumptions import limits_left_out, mass_assumed, massless, rubbing, without_dry_friction
 from ccpin.simulation import simulate
 from tests.support.paper import GOAL, K_P, K_V
 

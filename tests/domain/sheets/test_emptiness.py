@@ -6,8 +6,8 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.domain import CellStatus
+from ccpin.domain.closures.searchable import all_values
 from ccpin.domain.closures.system import reading_of
-from ccpin.domain.sheets.emptiness import all_values
 from tests.oracles import planar_3rpr as oracle
 from tests.oracles import planar_3rrr
 from tests.support.legs import WHOLE, load_slice, with_first_leg

@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.domain.atlas.cells import CellStatus, Contacts
-from ccpin.domain.sheets import front as module
-from ccpin.domain.sheets.front import Front, Members, Part
+from ccpin.covering.cells import CellStatus
+from ccpin.covering.faces import CellFaces
+from ccpin.domain.sheets import cover as module
+from ccpin.domain.sheets.cover import CountedRegion, Front, Members
 from ccpin.proof.newton import Boxes
 
 SYSTEM = SimpleNamespace(
@@ -83,7 +84,7 @@ def test_a_counted_cell_is_certified_where_its_points_lie_in_the_boxes(
     leaning.directions[:, 1] = 2.0
     front._proved = lambda cells, start, turn_to: (leaning, np.array([True, proved]))
     front._split = lambda cells: np.zeros(0, dtype=np.intp)
-    front.parts = [Part(np.array([1]), 1, point.centre)]
+    front.parts = [CountedRegion(np.array([1]), 1, point.centre)]
     front._first(0)
     assert (front.tree.status[1] == CellStatus.CERTIFIED) == certified
     assert len(front.boxes.kappa) == 2 + 2 * certified
@@ -102,13 +103,13 @@ def test_a_cell_is_certified_only_where_all_its_sheets_are_carried_on(front, bad
     )
     front._split = split.append
     front._carry = lambda found: split.append(found.cell)
-    contacts = Contacts(*(np.zeros((1, 1) if name.startswith("at") else 1, np.intp) for name in Contacts._fields))
+    contacts = CellFaces(*(np.zeros((1, 1) if name.startswith("at") else 1, np.intp) for name in CellFaces._fields))
     front._try(contacts)
     assert (front.tree.status[1] == CellStatus.CERTIFIED) == (bad is None)
 
 
 def test_a_part_without_solutions_is_empty(front, monkeypatch):
     monkeypatch.setattr(module, "place", lambda *_: (np.zeros((1, 1)), np.ones((1, 1))))
-    front.parts = [Part(np.array([1, 2]), 1, np.zeros((0, 2)))]
+    front.parts = [CountedRegion(np.array([1, 2]), 1, np.zeros((0, 2)))]
     front._first(0)
     assert list(front.tree.status) == [CellStatus.UNREACHED, CellStatus.EMPTY, CellStatus.EMPTY]

@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 
 import ccpin
 from ccpin import domain, plotting
-from ccpin.domain.sheets.paving import all_solutions
+from ccpin.domain.sheets.counting import all_solutions
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import cusped_3rpr as cusped
 from tests.oracles import planar_3rpr as oracle

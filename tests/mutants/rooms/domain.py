@@ -6,9 +6,9 @@ from tests.mutants.room import Excused, Room
 
 ROOMS: tuple[Room, ...] = (
     Room(
-        "domain/gravity_bounds",
+        "control/stability/set_point/potential",
         ("_remainder", "_slope_bound", "_curvature_change", "_inverse_bound", "_variation", "_symmetric"),
-        ("domain/test_sharp_gravity.py",),
+        ("control/stability/set_point/test_sharp_gravity.py",),
     ),
 )
 

@@ -5,11 +5,15 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 ROOMS: tuple[Room, ...] = (
-    Room("control/stability/cells", ("CellStore.agree",), ("control/stability/test_sharp_cells.py",)),
     Room(
-        "control/stability/storage",
+        "control/stability/set_point/certified_cells",
+        ("CellStore.agree",),
+        ("control/stability/set_point/test_sharp_cells.py",),
+    ),
+    Room(
+        "control/stability/tracking/storage",
         ("floor", "gain", "widths", "_inverse_form", "_inverted", "_constant", "storage_of", "_blocks"),
-        ("control/stability/test_sharp_storage.py", "proof/test_sharp_every.py"),
+        ("control/stability/tracking/test_sharp_storage.py", "proof/test_sharp_every.py"),
         (
             ("np.isfinite(inner)", "any instead of all", "an inverse that is not known is infinite in every entry"),
             ("np.isfinite(M)", "any instead of all", "no eigenvalue of what is no number is above 1e-7"),

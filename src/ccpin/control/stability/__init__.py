@@ -1,1 +1,1 @@
-"""Theorem 3: certified sublevel sets of a set-point law; and certified bounds of tracking errors."""
+"""What is proved of control laws: `set_point` and `tracking`, which share nothing but the bounds below them."""

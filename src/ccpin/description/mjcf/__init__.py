@@ -1,1 +1,1 @@
-"""MuJoCo's MJCF with equality constraints."""
+"""MJCF, the model files of MuJoCo; read and written."""

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import FrozenMapping
+from ccpin.description.elements.xml import XmlElement, label
 from ccpin.description.mjcf.defaults import Defaults
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.joints import WorldBody
 from ccpin.description.model import Joint, Motor
-from ccpin.description.xml import XmlElement, label
 
 _X_AXIS = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _TYPES = ("dyntype", "gaintype", "biastype")

@@ -7,19 +7,19 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ccpin.arrays import Array
+from ccpin.description.elements.xml import XmlElement, fail
 from ccpin.description.mjcf.defaults import MAIN, Compiler, Defaults
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.geoms import Assets, Geom, geom_visual, read_geom
 from ccpin.description.mjcf.inertia import body_inertia
-from ccpin.description.mjcf.joints import JointReader, Names, Site, WorldBody
+from ccpin.description.mjcf.joints import JointReader, NameGiver, Site, WorldBody
 from ccpin.description.mjcf.schema import BODY_IGNORED, BODY_UNSUPPORTED, WORLD
 from ccpin.description.model import IDENTITY, Link, Visual
-from ccpin.description.xml import XmlElement, fail
 
 _EXPANDED = "s = mujoco.MjSpec.from_file(file); s.compile(); then read what s.to_xml() returns"
 
 
-class _Item(NamedTuple):
+class _Child(NamedTuple):
     """A child of a body: frames around it are folded into `offset`, and so is their childclass."""
 
     xml: XmlElement
@@ -27,11 +27,11 @@ class _Item(NamedTuple):
     childclass: str
 
 
-_Items = dict[str, list[_Item]]
+_Items = dict[str, list[_Child]]
 """A body's children by tag, those called freejoint among the joints."""
 
 
-class TreeReader:
+class BodyReader:
     """Walks the bodies of the ``<worldbody>`` sections depth first, as MuJoCo numbers them.
 
     Raises:
@@ -41,7 +41,7 @@ class TreeReader:
     def __init__(self, worlds: Sequence[XmlElement], defaults: Defaults, compiler: Compiler, assets: Assets) -> None:
         bodies = [xml for world in worlds for xml in world.iter("body")]
         joints = [xml for world in worlds for xml in world.iter("joint", "freejoint")]
-        self.tree = WorldBody(Names("body", bodies), Names("joint", joints))
+        self.tree = WorldBody(NameGiver("body", bodies), NameGiver("joint", joints))
         self._worlds, self._defaults, self._compiler, self._assets = worlds, defaults, compiler, assets
         self._chains = JointReader(compiler, self.tree)
         self._count = 0
@@ -74,11 +74,11 @@ class TreeReader:
                 inner = self._defaults.check(said.text("childclass") or childclass, said)
                 self._collect(items, xml, offset @ said.pose(self._compiler.angles), inner)
             elif xml.tag in ("body", "joint", "freejoint", "inertial", "geom", "site"):
-                items[xml.tag.removeprefix("free")].append(_Item(xml, offset, childclass))
+                items[xml.tag.removeprefix("free")].append(_Child(xml, offset, childclass))
             elif xml.tag not in BODY_IGNORED:
                 raise fail(xml, f"<{xml.tag}> is no element of a body")
 
-    def _read_body(self, item: _Item, parent: str, *, moves: bool) -> None:
+    def _read_body(self, item: _Child, parent: str, *, moves: bool) -> None:
         said = Element.of(item.xml)
         self._count += 1
         name = said.text("name") or self.tree.body_names.fresh(f"body_{self._count}")

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ccpin.description.elements.xml import XmlElement, fail
 from ccpin.description.mjcf.element import Angles, Element, merged
 from ccpin.description.mjcf.general import ACTUATORS, as_general
-from ccpin.description.xml import XmlElement, fail
 
 MAIN = "main"
 

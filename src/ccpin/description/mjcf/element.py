@@ -11,9 +11,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
+from ccpin.description.elements.xml import ZERO, XmlElement, fail
 from ccpin.description.mjcf.schema import ATTRIBUTES, LEAVES, NUMERIC, ORIENTATIONS
 from ccpin.description.model import frame, rotation_to
-from ccpin.description.xml import ZERO, XmlElement, fail
 from ccpin.errors import DescriptionError
 
 _LARGEST = 1e30
@@ -29,7 +29,7 @@ class Angles:
     sequence: str = "xyz"
 
 
-class Span(NamedTuple):
+class FromTo(NamedTuple):
     """Two end points: the frame (4, 4) midway, its z axis from the second to the first, and half the length."""
 
     placement: Array
@@ -147,7 +147,7 @@ class Element:
         """Return the frame (4, 4) of pos and the orientation attributes."""
         return frame(self.vector("pos", 3, ZERO), self.orientation(angles))
 
-    def span(self) -> Span:
+    def span(self) -> FromTo:
         """Return where the attribute fromto puts an elongated shape.
 
         MuJoCo 4.0's manual has the z axis point to the second end; its compiler makes it point to the first.
@@ -155,7 +155,7 @@ class Element:
         ends = self.vector("fromto", 6)
         along = ends[:3] - ends[3:]
         turn = rotation_to(self.unit(along, "fromto"))
-        return Span(frame((ends[:3] + ends[3:]) / 2.0, turn), math.hypot(*along) / 2.0)
+        return FromTo(frame((ends[:3] + ends[3:]) / 2.0, turn), math.hypot(*along) / 2.0)
 
     def unit(self, value: Array, name: str) -> Array:
         """Return `value` normalized; what has no direction is an error."""

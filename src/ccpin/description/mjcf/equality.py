@@ -9,15 +9,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.closing_frames import closing_pairs
-from ccpin.description.hinges import make_hinges
+from ccpin.description.elements.closing_frames import closing_pairs
+from ccpin.description.elements.hinges import make_hinges
+from ccpin.description.elements.xml import ZERO, XmlElement, fail
 from ccpin.description.mjcf.defaults import MAIN, Defaults
 from ccpin.description.mjcf.element import Element
-from ccpin.description.mjcf.joints import Names, WorldBody, displacement
+from ccpin.description.mjcf.joints import NameGiver, WorldBody, displacement
 from ccpin.description.mjcf.schema import WORLD
 from ccpin.description.mjcf.tendons import Tendons, tendon_coupling
 from ccpin.description.model import Coupling, CouplingTerm, LoopClosure, frame
-from ccpin.description.xml import ZERO, XmlElement, fail
 
 _KINDS: dict[str, str] = {"connect": "spherical", "weld": "fixed"}
 _LEFT_OUT = ("flex", "flexvert", "flexstrain", "distance")
@@ -48,7 +48,7 @@ def read_equalities(
     """
     found = Equalities()
     elements = [xml for section in sections for xml in section.iterchildren("*")]
-    names, count = Names("equality", elements), Counter[str]()
+    names, count = NameGiver("equality", elements), Counter[str]()
     for xml in elements:
         count[xml.tag] += 1
         name = xml.get("name") or names.fresh(f"{xml.tag}_{count[xml.tag]}")

@@ -10,11 +10,11 @@ from typing import Literal, cast
 import numpy as np
 
 from ccpin.arrays import Array
+from ccpin.description.elements.xml import Colour, XmlElement
 from ccpin.description.mjcf.defaults import Compiler, Defaults
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.meshes import MeshAsset, read_mesh
 from ccpin.description.model import Inertia, Shape, Visual
-from ccpin.description.xml import Colour, XmlElement
 
 Kind = Literal["sphere", "capsule", "cylinder", "ellipsoid", "box"]
 Axes = tuple[float, float, float]

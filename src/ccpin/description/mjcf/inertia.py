@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from ccpin.arrays import Array
+from ccpin.description.elements.xml import ZERO
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.geoms import Assets, Geom, geom_inertia, weighs_nothing
 from ccpin.description.mjcf.schema import ORIENTATIONS
 from ccpin.description.model import Inertia, Link
-from ccpin.description.xml import ZERO
 
 _SLACK = 1e-9
 _NOTHING = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))

@@ -10,21 +10,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
+from ccpin.description.elements.xml import ZERO, XmlElement, fail
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.resolving import moved
-from ccpin.description.mjcf.schema import WORLD
+from ccpin.description.mjcf.schema import FORCES, KINDS, WORLD
 from ccpin.description.model import IDENTITY, Joint, Link, frame
-from ccpin.description.xml import ZERO, XmlElement, fail
 
-_TYPES = ("free", "ball", "slide", "hinge")
-_KINDS = {"free": "floating", "ball": "spherical", "slide": "prismatic", "hinge": "revolute"}
 _DOFS = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}
-_PHYSICS = {"armature": "armature", "damping": "damping", "frictionloss": "friction", "stiffness": "stiffness"}
 _Z = (0.0, 0.0, 1.0)
 
 
-class Names:
+class NameGiver:
     """Hands out element names, each once, so that unnamed elements get names no other one has."""
 
     def __init__(self, what: str, given: Iterable[XmlElement]) -> None:
@@ -66,8 +63,8 @@ class WorldBody:
         springdampers: Time constants (s) and damping ratios that stand for springs and dampers.
     """
 
-    body_names: Names
-    joint_names: Names
+    body_names: NameGiver
+    joint_names: NameGiver
     links: list[Link] = field(default_factory=list)
     joints: list[Joint] = field(default_factory=list)
     poses: dict[str, Array] = field(default_factory=dict)
@@ -158,10 +155,10 @@ class JointReader:
         physics = self._physics(said, kind, name)
         return Joint(
             name=name,
-            kind=_KINDS[kind],
+            kind=KINDS[kind],
             parent=ends[0],
             child=ends[1],
-            placement=placement @ moved(_KINDS[kind], axis, -ref),
+            placement=placement @ moved(KINDS[kind], axis, -ref),
             axis=axis,
             lower=lower,
             upper=upper,
@@ -171,7 +168,7 @@ class JointReader:
 
     def _physics(self, said: Element, kind: str, name: str) -> dict[str, float]:
         """Return rotor inertia, damping, friction and spring; what ccpin has no counterpart for is noted."""
-        physics = {field: self._plain(said, attribute, name) for attribute, field in _PHYSICS.items()}
+        physics = {field: self._plain(said, attribute, name) for attribute, field in FORCES.items()}
         if any(said.some_numbers("springyield", 2)):
             self._tree.notes.append(f"Left out: springyield of joint '{name}'.")
         time, ratio = said.vector("springdamper", 2, (0.0, 0.0))
@@ -221,7 +218,7 @@ class JointReader:
 
 
 def _type_of(said: Element) -> str:
-    return "free" if said.xml.tag == "freejoint" else said.choice("type", _TYPES, "hinge")
+    return "free" if said.xml.tag == "freejoint" else said.choice("type", tuple(KINDS), "hinge")
 
 
 def displacement(said: Element, joint: str, tree: WorldBody) -> float:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from ccpin.description.elements.xml import XmlElement
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.joints import WorldBody
-from ccpin.description.xml import XmlElement
 
 Pose = dict[str, tuple[float, ...]]
 

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.arrays import Array
-from ccpin.description.meshes import LARGEST
+from ccpin.description.elements.meshes import LARGEST
+from ccpin.description.elements.xml import ZERO, source_of
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element
 from ccpin.description.model import Inertia, frame
-from ccpin.description.xml import ZERO, source_of
 
 _READABLE = (".msh", ".obj", ".stl")
 _MOST_NUMBERS = 10_000_000

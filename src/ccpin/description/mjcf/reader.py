@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ccpin.description.checks import check
+from ccpin.description.elements.xml import XmlElement, fail, parse_xml, source_of
 from ccpin.description.mjcf.actuators import Actuators, read_actuators
-from ccpin.description.mjcf.bodies import TreeReader
+from ccpin.description.mjcf.bodies import BodyReader
 from ccpin.description.mjcf.defaults import Defaults, read_compiler
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.equality import Equalities, read_equalities
@@ -26,7 +27,6 @@ from ccpin.description.mjcf.resolving import damped, inertias_at_reference, spru
 from ccpin.description.mjcf.schema import ATTRIBUTES, SECTIONS, WORLD
 from ccpin.description.mjcf.tendons import left_out, read_tendons
 from ccpin.description.model import Joint, MechanismDescription, Motor
-from ccpin.description.xml import XmlElement, fail, parse_xml, source_of
 
 _UNMODELLED = {
     "contact": "The contact section is left out: ccpin does not model contacts.",
@@ -35,8 +35,8 @@ _UNMODELLED = {
 _Gravity = tuple[float, float, float]
 
 
-def read_mjcf(text: bytes, source: str | None, *, include_root: str | Path | None = None) -> MechanismDescription:
-    """Read an MJCF file: the bodies and joints as a tree below "world", the equalities as closures.
+def mjcf_description(root: XmlElement, *, include_root: str | Path | None = None) -> MechanismDescription:
+    """Read a parsed MJCF file: the bodies and joints as a tree below "world", the equalities as closures.
 
     The reference pose is that of the keyframe "reference" where there is one, else qpos0; the others are poses.
 
@@ -46,19 +46,13 @@ def read_mjcf(text: bytes, source: str | None, *, include_root: str | Path | Non
     is listed in the notes.
 
     Args:
-        text: The file's content.
-        source: The file, against which includes and meshes are looked up; ``None`` if there is none.
+        root: The file's root element; includes and meshes are looked up against its source.
         include_root: The folder included files may come from; default the file's own.
 
     Raises:
-        InvalidXmlError: Not well-formed, or refused for safety.
+        InvalidXmlError: An included file is not well-formed, or refused for safety.
         DescriptionError: An element is unknown, unsupported, incomplete or contradictory.
     """
-    return mjcf_description(parse_xml(text, source), include_root=include_root)
-
-
-def mjcf_description(root: XmlElement, *, include_root: str | Path | None = None) -> MechanismDescription:
-    """The description that a parsed MJCF file states (see `read_mjcf`)."""
     source = source_of(root)
     if root.tag != "mujoco":
         raise fail(root, "an MJCF file has the root element <mujoco>")
@@ -68,7 +62,7 @@ def mjcf_description(root: XmlElement, *, include_root: str | Path | None = None
     expand_replicates(root, compiler)
     defaults = Defaults(sections["default"])
     assets = read_assets(sections["asset"], defaults, compiler)
-    tree = TreeReader(sections["worldbody"], defaults, compiler, assets).read()
+    tree = BodyReader(sections["worldbody"], defaults, compiler, assets).read()
     options = _options(sections["option"])
     tendons = read_tendons(sections["tendon"], tree)
     equalities = read_equalities(sections["equality"], tree, defaults, tendons)
@@ -117,7 +111,7 @@ def _sections(root: XmlElement) -> dict[str, list[XmlElement]]:
     return sections
 
 
-class _Options(NamedTuple):
+class _FileOptions(NamedTuple):
     """Gravity, what of physics the file switches off, and notes on what it has besides."""
 
     gravity: _Gravity
@@ -125,7 +119,7 @@ class _Options(NamedTuple):
     notes: tuple[str, ...]
 
 
-def _options(sections: Sequence[XmlElement]) -> _Options:
+def _options(sections: Sequence[XmlElement]) -> _FileOptions:
     """Read every <option>, later ones winning."""
     gravity, disabled, notes = (0.0, 0.0, -9.81), set[str](), dict[str, None]()
     for section in sections:
@@ -146,7 +140,7 @@ def _options(sections: Sequence[XmlElement]) -> _Options:
                     (disabled.add if off else disabled.discard)(name)
     if "actuation" in disabled:
         notes["The file disables its actuators (flag actuation); they count as motors."] = None
-    return _Options((0.0, 0.0, 0.0) if "gravity" in disabled else gravity, frozenset(disabled), tuple(notes))
+    return _FileOptions((0.0, 0.0, 0.0) if "gravity" in disabled else gravity, frozenset(disabled), tuple(notes))
 
 
 def _loaded(tree: WorldBody, actuators: Actuators) -> list[Joint]:

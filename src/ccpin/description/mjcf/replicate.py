@@ -9,9 +9,9 @@ import numpy as np
 from lxml import etree
 from scipy.spatial.transform import Rotation
 
+from ccpin.description.elements.xml import ZERO, XmlElement, fail
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element
-from ccpin.description.xml import ZERO, XmlElement, fail
 
 MOST = 10_000
 """Elements that all copies of a file may have."""

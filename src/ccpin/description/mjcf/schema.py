@@ -6,6 +6,10 @@ A misspelt attribute would otherwise be silently ignored, which for a mechanism 
 from __future__ import annotations
 
 WORLD = "world"
+KINDS = {"free": "floating", "ball": "spherical", "slide": "prismatic", "hinge": "revolute"}
+"""What each type of joint is in a description."""
+FORCES = {"armature": "armature", "damping": "damping", "frictionloss": "friction", "stiffness": "stiffness"}
+"""What each attribute of a joint's own forces is there."""
 ORIENTATIONS = frozenset({"quat", "axisangle", "xyaxes", "zaxis", "euler"})
 
 _FRAME = "pos quat axisangle xyaxes zaxis euler"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from ccpin.description.elements.xml import XmlElement, fail
 from ccpin.description.mjcf.defaults import MAIN, Defaults
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.joints import WorldBody, displacement
 from ccpin.description.model import Coupling, CouplingTerm
-from ccpin.description.xml import XmlElement, fail
 
 Tendons = dict[str, Mapping[str, float] | None]
 """The coefficients of each fixed tendon by joint; ``None`` for a spatial tendon."""

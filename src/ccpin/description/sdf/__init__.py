@@ -1,1 +1,1 @@
-"""The reader of SDFormat, Gazebo's model files."""
+"""SDFormat, the models of Gazebo and Drake; read and written."""

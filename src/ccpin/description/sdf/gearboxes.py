@@ -8,10 +8,10 @@ from itertools import islice
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.joint_tree import JointTree
+from ccpin.description.elements.joint_tree import JointTree
+from ccpin.description.elements.xml import fail
 from ccpin.description.model import Coupling, CouplingTerm, Joint
 from ccpin.description.sdf.joints import Gearbox
-from ccpin.description.xml import fail
 
 _PARALLEL = 1e-2  # files turn frames by 1.57: the axis tells which joint is meant
 

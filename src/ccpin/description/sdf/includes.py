@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ccpin.description.elements.xml import XmlElement, fail, parse_xml, source_of, tag
 from ccpin.description.sdf.values import first, required, text
-from ccpin.description.xml import XmlElement, fail, parse_xml, source_of, tag
 from ccpin.errors import DescriptionError
 
 MOST_FILES = 500

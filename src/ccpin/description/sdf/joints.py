@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.graph import Connection
+from ccpin.description.elements.graph import Connection
+from ccpin.description.elements.xml import XmlElement, fail, tag, text_attribute
 from ccpin.description.model import Coupling, CouplingTerm, Joint
 from ccpin.description.sdf.values import first, flag, limit, number, numbers, own, required, text, unread, version
-from ccpin.description.xml import XmlElement, fail, tag, text_attribute
 
 JOINT = (
     *("parent", "child", "pose", "axis", "axis2", "physics", "sensor", "gearbox_ratio", "gearbox_reference_body"),
@@ -29,7 +29,7 @@ _SOFT = ("cfm", "erp", "suspension", "max_force", "velocity", "fudge_factor", "b
 _Z = np.array([0.0, 0.0, 1.0])
 
 
-class Frames(NamedTuple):
+class JointFrames(NamedTuple):
     """What a joint reader needs to know of the frames around a joint.
 
     Attributes:
@@ -77,7 +77,7 @@ def joint_type(element: XmlElement) -> str:
     return written
 
 
-def read_steps(element: XmlElement, name: str, frames: Frames, found: Joints) -> tuple[Joint, ...]:
+def read_steps(element: XmlElement, name: str, frames: JointFrames, found: Joints) -> tuple[Joint, ...]:
     """The motions of a <joint> (not of a gearbox), whose full name is given; couplings of a screw go into `found`.
 
     A universal joint and a revolute2 turn about `axis`, then about `axis2`; a screw turns and slides along `axis`.
@@ -144,7 +144,7 @@ def _lead(element: XmlElement) -> float:
     return -1.0 / pitch
 
 
-def _step(element: XmlElement, which: str, name: str, kind: str, frames: Frames, found: Joints) -> Joint:
+def _step(element: XmlElement, which: str, name: str, kind: str, frames: JointFrames, found: Joints) -> Joint:
     """The motion along one axis of a joint, with its limits and its own forces."""
     axis = first(element, which)
     if axis is None:
@@ -191,7 +191,7 @@ def _note_axis(axis: XmlElement, name: str, found: Joints) -> None:
         found.notes.append(f"joint '{name}': its initial_position is not read; the pose drawn is the zero pose")
 
 
-def direction(axis: XmlElement, frames: Frames) -> Array:
+def direction(axis: XmlElement, frames: JointFrames) -> Array:
     """The unit vector of an axis in the joint's frame.
 
     It is stated in the joint's frame, in the one `expressed_in` names, or, in files up to version 1.4 and where
@@ -227,7 +227,7 @@ def mimic_coupling(name: str, said: tuple[XmlElement, str, str], steps: Collecti
 
 
 def read_gearbox(
-    element: XmlElement, name: str, ends: tuple[str, str, str], frames: Frames, notes: list[str]
+    element: XmlElement, name: str, ends: tuple[str, str, str], frames: JointFrames, notes: list[str]
 ) -> Gearbox:
     """A gearbox between two links that turn in a third; `ends` are parent, child and reference link."""
     said = first(element, "axis"), first(element, "axis2")

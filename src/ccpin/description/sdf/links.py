@@ -7,10 +7,10 @@ from typing import cast
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.meshes import find_mesh
+from ccpin.description.elements.meshes import find_mesh
+from ccpin.description.elements.xml import Colour, XmlElement, fail, source_of
 from ccpin.description.model import Inertia, Link, Shape, Visual
 from ccpin.description.sdf.values import first, flag, number, numbers, own, placement, text, unread
-from ccpin.description.xml import Colour, XmlElement, fail, source_of
 
 LINK = (
     *("pose", "inertial", "collision", "visual", "sensor", "projector", "audio_sink", "audio_source", "battery"),
@@ -20,7 +20,7 @@ LINK = (
 INERTIAL = ("mass", "pose", "inertia", "density", "fluid_added_mass", "auto_inertia_params", "frame", "origin")
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 # The shapes that can be drawn: the elements that state their size, in order.
-_SIZES: dict[str, tuple[str, ...]] = {
+SIZES: dict[str, tuple[str, ...]] = {
     "box": ("size",),
     "cylinder": ("radius", "length"),
     "sphere": ("radius",),
@@ -89,12 +89,12 @@ def _colour(diffuse: XmlElement) -> Colour:
 
 def _shape(geometry: XmlElement, link: str, notes: list[str]) -> Shape | str:
     """The shape of a <geometry>, or why it cannot be drawn."""
-    found = next(iter(own(geometry, *_SIZES, "mesh", *_INVISIBLE)), None)
+    found = next(iter(own(geometry, *SIZES, "mesh", *_INVISIBLE)), None)
     if found is None or found.tag in _INVISIBLE:
-        return f"a visual is none of {', '.join((*_SIZES, 'mesh'))}"
+        return f"a visual is none of {', '.join((*SIZES, 'mesh'))}"
     if found.tag == "mesh":
         return _mesh(found, link, notes)
-    parts = _SIZES[found.tag]
+    parts = SIZES[found.tag]
     if any(first(found, part) is None for part in parts):
         raise fail(found, f"<{'> and <'.join(parts)}> must state its size")
     size: Array = np.concatenate([numbers(first(found, part), 3 if part in ("size", "radii") else 1) for part in parts])

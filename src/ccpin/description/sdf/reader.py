@@ -1,7 +1,7 @@
 """The SDFormat reader: Gazebo's models as mechanism descriptions.
 
 Where a file is silent SDFormat's defaults hold. Displacements are zero in the pose the file draws. SDFormat joins links
-by a graph of joints; `ccpin.description.graph` says which of them are the tree's and which close loops.
+by a graph of joints; `ccpin.description.elements.graph` says which of them are the tree's and which close loops.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from pathlib import Path
 import numpy as np
 
 from ccpin.description.checks import check
-from ccpin.description.closing_frames import closing_pairs
-from ccpin.description.graph import Parts, as_loop, as_tree, free_joint, loop_notes, span
-from ccpin.description.hinges import make_hinges
+from ccpin.description.elements.closing_frames import closing_pairs
+from ccpin.description.elements.graph import ConnectionParts, as_loop, as_tree, free_joint, loop_notes, span
+from ccpin.description.elements.hinges import make_hinges
+from ccpin.description.elements.xml import XmlElement, fail, source_of, tag
 from ccpin.description.model import IDENTITY, Coupling, Joint, Link, LoopClosure, MechanismDescription, inverse
-from ccpin.description.sdf.bodies import Bodies
-from ccpin.description.sdf.constraints import drake_closures
+from ccpin.description.sdf.drake_constraints import drake_closures
 from ccpin.description.sdf.gearboxes import gear_couplings
 from ccpin.description.sdf.includes import Including
 from ccpin.description.sdf.joints import mimic_coupling
+from ccpin.description.sdf.model_tree import LinkReader
 from ccpin.description.sdf.scopes import WORLD, Scope
 from ccpin.description.sdf.values import first, numbers, own
 from ccpin.description.sdf.words import check_attributes
-from ccpin.description.xml import XmlElement, fail, parse_xml, source_of, tag
 from ccpin.errors import DescriptionError
 
 _LEFT_OUT = {
@@ -38,28 +38,20 @@ _LEFT_OUT = {
 }
 
 
-def read_sdf(
-    text: bytes, source: str | None, *, model: str | None = None, include_root: str | Path | None = None
+def sdf_description(
+    root: XmlElement, *, model: str | None = None, include_root: str | Path | None = None
 ) -> MechanismDescription:
-    """Read an SDFormat file: one of its models, with what it includes, as links, a tree of joints and closures.
+    """Read a parsed SDFormat file: one of its models, with what it includes, as links, a tree of joints and closures.
 
     Args:
-        text: The file's content.
-        source: The file, against which includes and meshes are looked up; ``None`` if there is none.
+        root: The file's root element; includes and meshes are looked up against its source.
         model: The model to read where there are several (``a::b`` for one inside another).
         include_root: The folder included files may come from; default the file's own.
 
     Raises:
-        InvalidXmlError: Not well-formed, or refused for safety.
+        InvalidXmlError: An included file is not well-formed, or refused for safety.
         DescriptionError: An element is malformed, contradictory or not expressible.
     """
-    return sdf_description(parse_xml(text, source), model=model, include_root=include_root)
-
-
-def sdf_description(
-    root: XmlElement, *, model: str | None = None, include_root: str | Path | None = None
-) -> MechanismDescription:
-    """The description that a parsed SDFormat file states (see `read_sdf`)."""
     if tag(root) != "sdf":
         raise fail(root, "an SDFormat file has the root element <sdf>")
     source = source_of(root)
@@ -72,7 +64,7 @@ def sdf_description(
     scope = _chosen(root, world, including, model)
     if scope.frozen:
         raise fail(scope.element, "the model is static: nothing in it moves")
-    return _Model(scope, world, source, notes).description()
+    return _ModelAssembler(scope, world, source, notes).description()
 
 
 def _chosen(root: XmlElement, world: XmlElement | None, including: Including, model: str | None) -> Scope:
@@ -106,13 +98,13 @@ def _unwound(joints: Sequence[Joint], couplings: Sequence[Coupling]) -> tuple[Jo
     )
 
 
-class _Model:
+class _ModelAssembler:
     """Puts one model's description together."""
 
     def __init__(self, scope: Scope, world: XmlElement | None, source: str | None, notes: list[str]) -> None:
         self.scope, self.world, self.source = scope, world, source
         self.name = scope.placed.name
-        self.bodies = Bodies(scope)
+        self.bodies = LinkReader(scope)
         self.joints, self.poses, self.notes = self.bodies.joints, self.bodies.poses, [*notes, *self.bodies.notes]
         if world is not None and own(world, "joint"):
             self.notes.append("the joints between the world's models are not read, as one model is")
@@ -145,7 +137,7 @@ class _Model:
             )
         )
 
-    def _spanned(self, coupled: set[str]) -> tuple[str, list[Joint], list[Parts]]:
+    def _spanned(self, coupled: set[str]) -> tuple[str, list[Joint], list[ConnectionParts]]:
         """The root link, what holds the parts nothing else does, and what each joint of the file becomes.
 
         Joints that are coupled stay joints where they close a loop.

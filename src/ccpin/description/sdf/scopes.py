@@ -10,17 +10,17 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from ccpin.arrays import Array
+from ccpin.description.elements.xml import XmlElement, fail, tag, text_attribute
 from ccpin.description.model import IDENTITY, inverse
 from ccpin.description.sdf.includes import Including
 from ccpin.description.sdf.values import first, flag, own, placement, relative_to, required
-from ccpin.description.xml import XmlElement, fail, tag, text_attribute
 
 MODEL, WORLD = "__model__", "world"
 LONGEST_CHAIN = 200
 DEEPEST = 50
 
 
-class Placed(NamedTuple):
+class PlacedModel(NamedTuple):
     """How a model stands in its parent: under what name, where, and by which of its frames."""
 
     name: str
@@ -47,7 +47,7 @@ class Scope:
         self,
         element: XmlElement,
         including: Including,
-        placed: Placed | None = None,
+        placed: PlacedModel | None = None,
         parent: Scope | None = None,
         prefix: str | None = "",
     ) -> None:
@@ -80,7 +80,7 @@ class Scope:
     def _include(self, include: XmlElement, including: Including) -> None:
         model = including.model(include)
         said = _own_placing(model)
-        placed = Placed(
+        placed = PlacedModel(
             name=required(include, "name") if first(include, "name") is not None else said.name,
             pose=said.pose if first(include, "pose") is None else first(include, "pose"),
             frame=include.findtext("placement_frame") or said.frame,
@@ -228,6 +228,6 @@ def _closing(frame: XmlElement) -> str:
     return on if on and text_attribute(frame, "name").startswith("closing_") else MODEL
 
 
-def _own_placing(element: XmlElement) -> Placed:
+def _own_placing(element: XmlElement) -> PlacedModel:
     name = text_attribute(element, "name") if tag(element) == "model" else element.get("name") or WORLD
-    return Placed(name, first(element, "pose"), element.get("placement_frame"), flag(element, "static", False))
+    return PlacedModel(name, first(element, "pose"), element.get("placement_frame"), flag(element, "static", False))

@@ -9,11 +9,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
-from ccpin.description.model import IDENTITY, frame
-from ccpin.description.xml import XmlElement, fail, spelt, tag, transform
+from ccpin.description.elements.xml import TRUTH, XmlElement, fail, spelt, tag
+from ccpin.description.model import IDENTITY, frame, frame_from_rpy
 
 UNLIMITED = 1e16
-_FLAGS = {"true": True, "1": True, "false": False, "0": False}
 
 
 def own(element: XmlElement, *names: str) -> list[XmlElement]:
@@ -102,9 +101,9 @@ def flag(element: XmlElement | None, name: str, default: bool) -> bool:
     if found is None:
         return default
     written = (found.text or "").strip().lower()
-    if written not in _FLAGS:
+    if written not in TRUTH:
         raise fail(found, f"{written[:80]!r} is neither true nor false")
-    return _FLAGS[written]
+    return TRUTH[written]
 
 
 def placement(pose: XmlElement | None) -> Array:
@@ -120,8 +119,8 @@ def placement(pose: XmlElement | None) -> Array:
     if format_ != "euler_rpy":
         raise fail(pose, f"rotation_format {format_!r} is neither euler_rpy nor quat_xyzw")
     values = numbers(pose, 6)
-    unit = math.pi / 180 if _FLAGS.get(pose.get("degrees", "false").lower(), False) else 1.0
-    return transform(tuple(values[:3].tolist()), tuple((unit * values[3:]).tolist()))
+    unit = math.pi / 180 if TRUTH.get(pose.get("degrees", "false").lower(), False) else 1.0
+    return frame_from_rpy(tuple(values[:3].tolist()), tuple((unit * values[3:]).tolist()))
 
 
 def relative_to(pose: XmlElement | None) -> str | None:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections import Counter
 
-from ccpin.description.sdf.constraints import CONSTRAINTS
-from ccpin.description.xml import XmlElement, doubled, strange_attributes, tag
+from ccpin.description.elements.xml import XmlElement, doubled, strange_attributes, tag
+from ccpin.description.sdf.drake_constraints import CONSTRAINTS
 
 ATTRIBUTES: dict[str, tuple[str, ...]] = {
     "sdf": ("version",),

@@ -13,7 +13,7 @@ face that is unglued, and ways over glued faces join them all to q₀'s.
 What is not claimed. Undecided cells are those not proved at the depth allowed; singular ones those of them over which a
 closed configuration is proved to be singular (`atlas.singular`), on whatever branch; unreached cells were not tried, as
 no neighbour is certified (σ may exist there, on this branch or another). Empty cells are proved to hold no closed
-configuration at all (`atlas.empty`, `sheets.emptiness`). Limits of dependent joints are not looked at.
+configuration at all (`emptying`). Limits of dependent joints are not looked at.
 """
 
 from __future__ import annotations
@@ -28,16 +28,19 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ccpin.arrays import Array, Mask, numbers
+from ccpin.covering.cells import CellStatus, CellTree, SingularCells, leaves_about, place
+from ccpin.covering.claims import proved_glue
+from ccpin.covering.faces import contacts_of
+from ccpin.covering.proposals.solving import newton
+from ccpin.covering.region import Region
 from ccpin.displays import boxes, table
-from ccpin.domain.atlas import store
-from ccpin.domain.atlas.cells import CellStatus, CellTree, Region, contacts_of, leaves_about, place
-from ccpin.domain.atlas.claims import Proved, proved_cover, seams_of
-from ccpin.domain.atlas.singular import SingularCells, refuting
-from ccpin.domain.claims import proved_glue
+from ccpin.domain.atlas.cover_claims import Proved, proved_cover, seams_of
+from ccpin.domain.atlas.refuting import refutation_of
+from ccpin.domain.closures.packing import fingerprint_of, same_closures
 from ccpin.domain.closures.system import Reading
-from ccpin.domain.documents import ATLAS
-from ccpin.domain.newton import newton
-from ccpin.domain.obstacles import demand_witnesses
+from ccpin.domain.documents import store
+from ccpin.domain.documents.kinds import ATLAS
+from ccpin.domain.paths.obstacles import demand_witnesses
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.covers import over_region
@@ -171,7 +174,7 @@ class Atlas:
         """A place of the region proved to have no σ, or one that is singular."""
         if self._whole:
             return None
-        found = refuting(self.reading, self.tree, self.region, self.boxes)
+        found = refutation_of(self.reading, self.tree, self.region, self.boxes)
         return next(demand_witnesses(self.reading, self.seed, self._undecided()), None) if found is None else found
 
     @property
@@ -307,7 +310,7 @@ class Atlas:
     @property
     def fingerprint(self) -> str:
         """SHA-256 of the closures it is about, as its file has it."""
-        return store.fingerprint_of(self.problem)
+        return fingerprint_of(self.problem)
 
     def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
         """Whether the closures are those that a mechanism's file gives today, bit for bit.
@@ -315,7 +318,7 @@ class Atlas:
         Raises:
             InvalidInputError: It is a workspace's, whose closures hold an end effector besides, which no file names.
         """
-        return store.same_closures(self.reading, self.names, mechanism_of(mechanism), self.seed)
+        return same_closures(self.reading, self.names, mechanism_of(mechanism), self.seed)
 
     def save(self, path: str | Path) -> None:
         """Write the atlas to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""

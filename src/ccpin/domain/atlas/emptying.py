@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Region, place
-from ccpin.domain.atlas.platform import platform_empty
-from ccpin.domain.atlas.run import Runner
+from ccpin.arrays import Array, Indices, rows_of
+from ccpin.covering.cells import CellStatus, CellTree, place
+from ccpin.covering.proposals.krawczyk import certify_boxes
+from ccpin.covering.proposals.platforms import platform_empty
+from ccpin.covering.proposals.solving import newton
+from ccpin.covering.pruning import Pruning, handed_down, whole_candidates
+from ccpin.covering.region import LEVELS, Region
+from ccpin.covering.runner import Runner
+from ccpin.domain.closures.searchable import MOST_DEPENDENT, all_values
+from ccpin.domain.closures.system import Reading
 from ccpin.proof.emptiness import empty_cells, groups_of, platform_of
+from ccpin.proof.equations import Problem
+from ccpin.proof.narrowing import Candidates
 
 _CHUNK = 20_000
+_BUDGET = 2_000_000
+_ROUNDS = 12
+_NEWTON = 12
+_WORTH = 1e-3
 
 
 def prove_empty(runner: Runner, tree: CellTree, region: Region, depth: int, thorough: bool = False) -> None:
@@ -40,3 +53,70 @@ def prove_empty(runner: Runner, tree: CellTree, region: Region, depth: int, thor
         left = cells[~empty & (tree.status[cells] == CellStatus.UNREACHED)]
         left = left[np.max(tree.size[left], axis=1, where=~region.held, initial=0) > smallest]
         cells = tree.split(left, np.argmax(tree.size[left] * (region.width / region.width.max()), axis=1))
+
+
+def search_empty(runner: Runner, reading: Reading, tree: CellTree, region: Region, depth: int) -> None:
+    """Mark unreached cells as empty where an exhaustive search proves it, halving them `depth` times at most.
+
+    It ends early where its budget of two million candidates is spent; what it had no time for stays unreached. Nothing
+    is tried where less than a thousandth of the region is unreached, nor for more than eight dependent coordinates.
+
+    Raises:
+        Stopped: An interrupt was asked for; what was proved by then is marked.
+    """
+    problem = runner.problem
+    ranges = all_values(reading, region.lower, region.upper)
+    if ranges is None or problem.system.m > MOST_DEPENDENT or _share(tree) < _WORTH:
+        return
+    root = np.zeros(1, dtype=np.intp)
+    waiting, searched = whole_candidates(problem, ranges, root, *place(tree, region, root)), root
+    search = Pruning(runner, ranges, _BUDGET)
+    while searched.size and not search.over:
+        waiting = search.settled(waiting, _ROUNDS)
+        _mark(tree, np.setdiff1d(searched, waiting.cell))
+        runner.check()
+        waiting = _unsettled(problem, tree, waiting)
+        cells = np.unique(waiting.cell)
+        leaf = tree.child[cells] < 0
+        small = np.all(tree.size[cells] <= 1 << (LEVELS - depth), axis=1)
+        tree.split(cells[leaf & ~small], np.argmax(tree.size[cells[leaf & ~small]] * region.width, axis=1))
+        cells = cells[~(leaf & small)]
+        waiting = rows_of(waiting, np.isin(waiting.cell, cells))
+        waiting = handed_down(problem, tree, region, waiting)
+        searched = np.concatenate([tree.child[cells], tree.child[cells] + 1])
+        searched = searched[_open(tree)[searched]]
+        waiting = rows_of(waiting, np.isin(waiting.cell, searched))
+
+
+def _share(tree: CellTree) -> float:
+    """The unreached share of the region."""
+    return tree.share(tree.leaves(CellStatus.UNREACHED))
+
+
+def _open(tree: CellTree) -> Array:
+    """Which cells hold an unreached leaf, of shape (cells,)."""
+    found = (tree.child < 0) & (tree.status == CellStatus.UNREACHED)
+    for cell in np.flatnonzero(tree.child >= 0)[::-1]:  # children come behind their parents
+        found[cell] = found[tree.child[cell]] or found[tree.child[cell] + 1]
+    return np.asarray(found)
+
+
+def _mark(tree: CellTree, cells: Indices) -> None:
+    """Mark the unreached leaves of cells as empty."""
+    while cells.size:
+        leaf = tree.child[cells] < 0
+        done = cells[leaf]
+        tree.status[done[tree.status[done] == CellStatus.UNREACHED]] = CellStatus.EMPTY
+        cells = np.concatenate([tree.child[cells[~leaf]], tree.child[cells[~leaf]] + 1])
+
+
+def _unsettled(problem: Problem, tree: CellTree, waiting: Candidates) -> Candidates:
+    """The candidates over cells that σ was not proved on: where it is, no part of the cell is empty."""
+    if not waiting.cell.size:
+        return waiting
+    system = problem.system
+    found = newton(problem, waiting.centre, _NEWTON)
+    rows = np.flatnonzero(found.settled)
+    half = waiting.half[rows][:, system.independent]
+    tried = certify_boxes(problem, found.theta[rows], half, np.eye(system.n))
+    return rows_of(waiting, ~np.isin(waiting.cell, waiting.cell[rows[tried.proved]]))

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Indices, instance, numbers
+from ccpin.covering.cells import CellStatus
+from ccpin.covering.region import WHOLE
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import WHOLE, CellStatus
 from ccpin.errors import InvalidInputError
 
 _CHUNK = 1_000_000

@@ -20,7 +20,7 @@ from ccpin.arrays import Array
 from ccpin.description.closure_kinds import Fixed, Gap, Vector, plane_axes
 from ccpin.domain.closures.rods import Rod, rod_length, rod_of
 from ccpin.domain.closures.scalar_coordinates import Chart, Elementary, chart_at, elementary_joints, independent_indices
-from ccpin.domain.closures.task_space import TaskSpace
+from ccpin.domain.closures.task_coordinates import TaskSpace
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.loops import ResolvedClosure

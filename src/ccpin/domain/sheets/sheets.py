@@ -1,8 +1,8 @@
 """All sheets of σ over a region: how many closed configurations every q has, and how they hang together.
 
 What is claimed. The region is in cells. Over the *counted* ones it is proved how many closed configurations every q has
-within the limits of slides and coupled joints (Proposition C of `paving`), in ranges that hold all of these (Lemma R of
-`ccpin.proof.ranges`); where there are none, the cell is empty. Over the *certified* ones each of them is a smooth
+within the limits of slides and coupled joints (Proposition C of `counting`), in ranges that hold all of these (Lemma R
+of `ccpin.proof.ranges`); where there are none, the cell is empty. Over the *certified* ones each of them is a smooth
 function of q in a box of Theorem N, and boxes of neighbours are glued where they carry the same one. A *sheet* is a
 connected part of the nonsingular closed configurations, as far as boxes are glued (an aspect, in the literature on
 parallel robots). Most sheets have one configuration over each q. On one that has several (`Sheet.layers`) they change
@@ -10,8 +10,8 @@ places along some way in q, round a cusp as a rule: the mechanism goes from one 
 singularity (`SheetAtlas.way`). This is what an `Atlas` with `single_valued` false stands before.
 
 What is not claimed. All singular closed configurations over the region lie over the cells that are neither counted nor
-empty. *Singular* ones of them hold one that is proved (Theorem S of `folds`); of the *undecided* ones nothing is
-known. Two sheets told apart here may be one that is connected through undecided cells or outside of the region.
+empty. *Singular* ones of them hold one that is proved (Theorem S of `singular.folds`); of the *undecided* ones nothing
+is known. Two sheets told apart here may be one that is connected through undecided cells or outside of the region.
 """
 
 from __future__ import annotations
@@ -28,15 +28,18 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from ccpin.arrays import Array, Indices, Mask, numbers, whole
-from ccpin.domain.atlas import store
-from ccpin.domain.atlas.cells import WHOLE, CellStatus, CellTree, Region, contacts_of, place
-from ccpin.domain.atlas.singular import SingularCells
+from ccpin.covering.cells import CellStatus, CellTree, SingularCells, place
+from ccpin.covering.documents import packed, unpacked
+from ccpin.covering.faces import contacts_of
+from ccpin.covering.proposals.solving import newton
+from ccpin.covering.region import WHOLE, Region
+from ccpin.domain.closures.packing import fingerprint_of, same_closures
 from ccpin.domain.closures.system import Reading
-from ccpin.domain.cusps import Cusp, distinct, proved_cusps
-from ccpin.domain.documents import SHEETS
-from ccpin.domain.newton import newton
-from ccpin.domain.sheets.front import Glued, Members
-from ccpin.domain.sheets.touching import Fold, cross, near_folds
+from ccpin.domain.documents import store
+from ccpin.domain.documents.kinds import SHEETS
+from ccpin.domain.sheets.cover import Glued, Members
+from ccpin.domain.sheets.seams import Fold, cross, near_folds
+from ccpin.domain.singular.cusp_points import Cusp, distinct, proved_cusps
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.equations import Problem, closure_values, closures_of
@@ -200,18 +203,18 @@ class SheetAtlas:
     @property
     def fingerprint(self) -> str:
         """SHA-256 of the closures it is about, as its file has it."""
-        return store.fingerprint_of(self.problem)
+        return fingerprint_of(self.problem)
 
     def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
         """Whether the closures are those that a mechanism's file gives today, bit for bit."""
-        return store.same_closures(self.reading, self.names, mechanism_of(mechanism))
+        return same_closures(self.reading, self.names, mechanism_of(mechanism))
 
     def save(self, path: str | Path) -> None:
         """Write the sheets to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
         header, arrays = store.pack(self)
         header |= {"names": list(self.names), "complete": self.complete}
         for part in _RECORDS:
-            arrays |= store.packed(part, getattr(self, part))
+            arrays |= packed(part, getattr(self, part))
         store.write(path, SHEETS, header, arrays | {"count": self.count})
 
     @classmethod
@@ -222,7 +225,7 @@ class SheetAtlas:
             InvalidInputError: The file cannot be read or is none, or a box in it is not proved.
         """
         with store.reading(path, SHEETS) as (header, arrays):
-            records = {part: store.unpacked(part, kind, arrays) for part, kind in _RECORDS.items()}
+            records = {part: unpacked(part, kind, arrays) for part, kind in _RECORDS.items()}
             held = store.unpack(header, arrays)
             return cls(
                 names=tuple(header["names"]),
@@ -301,7 +304,7 @@ class SheetAtlas:
         return np.asarray((point - self.region.reduce(point))[0])
 
     def cusps(self) -> tuple[Cusp, ...]:
-        """Cusps over the region, looked for from every cell that may hold one and proved (Theorem C of `cusps`).
+        """Cusps over the region, looked for from every cell that may hold one and proved (Theorem C of `cusp_points`).
 
         All there are lie over cells that are not counted; that none of those holds another is not claimed.
 
@@ -317,7 +320,7 @@ class SheetAtlas:
         return distinct(reading, [cusp for cusp, within in zip(found, inside, strict=True) if within])
 
     def folds(self, most: int = 200) -> tuple[Fold, ...]:
-        """Folds at which two sheets are proved to touch (Proposition T of `touching`), each pair of sheets in turn.
+        """Folds at which two sheets are proved to touch (Proposition T of `seams`), each pair of sheets in turn.
 
         Looked for from σ in the boxes beside cells where a sheet ends; which of them touch nowhere is not claimed.
 

@@ -14,8 +14,8 @@ from fractions import Fraction
 
 from ccpin.arrays import Array
 from ccpin.description.model import Coupling
-from ccpin.domain.theorem2.chain import Kinematics
-from ccpin.domain.theorem2.system import Polynomial, combine
+from ccpin.domain.theorem2.polynomials import Polynomial, combine
+from ccpin.domain.theorem2.trees import Kinematics
 from ccpin.domain.theorem2.unknowns import Unknowns
 from ccpin.errors import UnsupportedMechanismError
 

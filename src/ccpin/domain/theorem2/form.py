@@ -11,7 +11,7 @@ otherwise pass degree two. The equations, in this order:
   qᵢ − qᵢ⁰ for a displacement, twice the vector part of the quaternion of R₀ᵀR for a spherical joint.
 
 Two forms are offered. ``"angles"`` keeps each joint's own angle. ``"absolute"`` sums the angles of successive
-joints about parallel axes (`ccpin.domain.theorem2.chain`): planar loops become affine in direction vectors.
+joints about parallel axes (`ccpin.domain.theorem2.trees`): planar loops become affine in direction vectors.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from ccpin.arrays import Array, frozen
 from ccpin.description.closure_kinds import Gap
 from ccpin.description.closure_kinds import Vector as ClosureVector
 from ccpin.description.joint_kinds import split_component
-from ccpin.domain.theorem2.chain import Kinematics, SimpleTree, find_runs, simple_tree
 from ccpin.domain.theorem2.couplings import coupling_row
-from ccpin.domain.theorem2.system import Polynomial, QuadraticSystem, combine
+from ccpin.domain.theorem2.polynomials import Polynomial, QuadraticSystem, combine
+from ccpin.domain.theorem2.trees import Kinematics, SimpleTree, find_runs, simple_tree
 from ccpin.domain.theorem2.unknowns import NOISE, Unknowns, Vector, plus
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, cross
-from ccpin.domain.theorem2.system import Monomial, Polynomial, combine
+from ccpin.domain.theorem2.polynomials import Monomial, Polynomial, combine
 
 Vector = tuple[Polynomial, Polynomial, Polynomial]
 

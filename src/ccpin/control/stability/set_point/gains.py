@@ -1,0 +1,259 @@
+"""Gains for a set point: K_p above ‖∂g/∂q‖ (Theorem 3), K_v for a damping ratio of the linearised loop.
+
+About q_d the closed loop D q̈ + C q̇ + g(q) = K_p q̃ − K_v q̇ + g(q_d) is, to first order in x = q − q_d,
+
+    D ẍ + K_v ẋ + (K_p + ∂g/∂q) x = 0        (D and ∂g/∂q at q_d; C q̇ is of second order).
+
+With Φ the modes, (K_p + ∂g/∂q)Φ = DΦΩ², ΦᵀDΦ = I, the gain K_v = Φ⁻ᵀ 2ζΩ Φ⁻¹ turns it into z̈ + 2ζω_i ż + ω_i² z = 0
+in x = Φz: every mode has the damping ratio ζ.
+
+At rest at q the law asks for K_p q̃ + g(q_d), at most Σ_j |K_p,ij| max|q̃_j| + |g_i(q_d)| over the domain: what that is
+beyond a motor's limit cannot be had from everywhere in it, and Theorem 3 knows of no limits. Where the motors are not
+on the independent joints, u = (ρᵀSᵀ)⁺τ changes with q: over an atlas |u_i| ≤ ‖u‖₂ ≤ ‖τ‖₂/s with s the least singular
+value of ρᵀSᵀ over its cells (a bound; infinite where it is not shown to be positive). Over a plain region it is taken
+at q_d, an estimate as all there is.
+"""
+
+from __future__ import annotations
+
+import heapq
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import linalg
+
+from ccpin.arrays import Array, number, positive
+from ccpin.control.laws import PDSimpleGravity
+from ccpin.control.stability.set_point.certified_cells import CellStore
+from ccpin.control.stability.set_point.starting_cells import cells_of_atlas
+from ccpin.control.stability.set_point.well import checked_region, sample_region
+from ccpin.covering.region import Corners
+from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.closures.packing import require_about
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.errors import InvalidInputError, UnattainableGainsError
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.verdict import Verdict
+
+_ABOVE = 1.5
+_CELLS = 2000
+_ACCURACY = 0.05
+_TORN = "on the atlas V is no function: boxes meet only with a turn of a joint that has a spring; pass a smaller one"
+
+
+class Gains(NamedTuple):
+    """Suggested gains.
+
+    Attributes:
+        K_p: margin · β · I, N m/rad or N/m, of shape (n, n).
+        K_v: Symmetric positive definite, N m s/rad or N s/m, of shape (n, n).
+        beta: sup ‖∂g/∂q‖₂ over the domain, or a bound of it.
+        beta_seen: The largest ‖∂g/∂q‖₂ among the points looked at: β is between it and `beta`.
+        steepest: q near which that bound is largest: what asks for such gains, of shape (n,).
+        frequencies: ω of the linearised loop's modes in rad/s, ascending, of shape (n,).
+        effort: The largest |u| asked for from rest anywhere in the domain, of shape (motors,); over an atlas a bound.
+        effort_limit: What the motors can give either way (infinite where nothing is stated), of shape (motors,).
+        verdict: ``"proven"`` where ‖∂g/∂q‖ < K_p is proved on the domain, ``"undecided"`` where it was sampled.
+        reason: What limits the gains, in a sentence.
+    """
+
+    K_p: Array
+    K_v: Array
+    beta: float
+    beta_seen: float
+    steepest: Array
+    frequencies: Array
+    effort: Array
+    effort_limit: Array
+    verdict: Verdict
+    reason: str
+
+
+def local_gains(
+    model: ReducedModel | Mechanism,
+    q_d: ArrayLike,
+    *,
+    frequency: float = 10.0,
+    damping: float = 1.0,
+    guess: ArrayLike | None = None,
+) -> tuple[Array, Array]:
+    """K_p = ω² D + 1.5 ‖∂g/∂q‖₂ I and K_v for a damping ratio, at a set point alone.
+
+    It is a stable set point (K_p above ∂g/∂q there) approached at ω or somewhat faster. How far from it that holds is
+    for `certify_set_point` to say.
+
+    Args:
+        model: The reduced model, or a mechanism.
+        q_d: The set point, of shape (n,).
+        frequency: ω, rad/s.
+        damping: ζ of every mode.
+        guess: Chooses the assembly mode of σ(q_d).
+
+    Returns:
+        K_p and K_v, of shape (n, n) each.
+
+    Raises:
+        InvalidInputError: A bad frequency or damping, or as `PDSimpleGravity`.
+    """
+    positive(frequency, "frequency"), positive(damping, "damping")
+    model = model_of(model)
+    law = PDSimpleGravity(model, q_d, np.ones(model.n), np.ones(model.n), guess)
+    mass = model.terms(law.q_d, np.zeros(model.n), law.q_free_d).D
+    slope = model.gravity_derivative(law.q_d, law.q_free_d)
+    stiffness = frequency**2 * mass + _ABOVE * float(np.linalg.norm(slope, 2)) * np.eye(model.n)
+    return stiffness, _damped(mass, stiffness + slope, damping)[0]
+
+
+def _damped(mass: Array, stiffness: Array, damping: float) -> tuple[Array, Array]:
+    """K_v that gives every mode of D ẍ + K_v ẋ + K x = 0 a damping ratio, and their frequencies."""
+    squares, modes = linalg.eigh(0.5 * (stiffness + stiffness.T), mass)
+    frequencies, pulled = np.sqrt(squares), mass @ modes
+    return pulled @ np.diag(2.0 * damping * frequencies) @ pulled.T, frequencies
+
+
+def suggest_gains(
+    model: ReducedModel | Mechanism,
+    q_d: ArrayLike,
+    domain: Atlas | Corners,
+    *,
+    margin: float = 1.5,
+    damping: float = 0.7,
+    fastest: float = 1e4,
+    guess: ArrayLike | None = None,
+) -> Gains:
+    """The smallest K_p with a margin over β on a domain, and K_v for a damping ratio at q_d.
+
+    Args:
+        model: The reduced model, or a mechanism.
+        q_d: The set point, of shape (n,).
+        domain: An atlas (β is bounded, to 5 % where 2000 cells beyond its own suffice), or a region (lower, upper) over
+            which β is sampled. Where an atlas ends near a singularity β is large or far from sharp: `reason` says so,
+            and a smaller domain is what helps.
+        margin: K_p over β, above 1.
+        damping: ζ of every mode, above 0.
+        fastest: The largest ω of the loop's modes that there may be, rad/s.
+        guess: Chooses the assembly mode of σ(q_d).
+
+    Raises:
+        DifferentSubjectsError: The atlas is of other closures than the model.
+        UnattainableGainsError: They ask motors from rest somewhere in the domain for more than the file says they have,
+            or make a mode faster than `fastest`; it has the gains, and says what limits them.
+        InvalidInputError: A bad margin, damping or `fastest`, q_d outside of the domain, or gravity does not act there
+            (β = 0).
+        UnreachableError: σ does not exist on all of a region.
+    """
+    number(margin, "margin", "a number above 1", 1.0), positive(damping, "damping"), positive(fastest, "fastest")
+    model = model_of(model)
+    ones = np.ones(model.n)
+    law = PDSimpleGravity(model, q_d, ones, ones, guess)
+    if not isinstance(domain, Atlas):
+        lower, upper = checked_region(model, domain, law.q_d)
+        samples = sample_region(model, lower, upper, law.q_free_d)
+        worst = int(np.argmax(samples.norm))
+        slope = SlopeBound(float(samples.norm[worst]), float(samples.norm[worst]), samples.q[worst], 0)
+        whole, grip = True, np.inf
+    else:
+        require_about("gains over an atlas", domain, model)
+        store = cells_of_atlas(law, domain)
+        slope, whole = gravity_slope_over(store), store.whole
+        grip = min(cell.well.effort for cell in store.cells if cell.live and cell.well is not None)
+        lower, upper = domain.lower.min(axis=0), domain.upper.max(axis=0)
+    beta = slope.bound
+    if not beta > 1e-12:
+        raise InvalidInputError("gravity has no slope on the domain (β = 0): any positive K_p satisfies Theorem 3")
+    stiffness = margin * beta * np.eye(model.n)
+    mass = model.terms(law.q_d, np.zeros(model.n), law.q_free_d).D
+    slope_here = model.gravity_derivative(law.q_d, law.q_free_d)
+    damper, frequencies = _damped(mass, stiffness + slope_here, damping)
+    farthest = np.maximum(np.abs(law.q_d - lower), np.abs(upper - law.q_d))
+    motors = model.mechanism.motors
+    asked = np.abs(stiffness) @ farthest + np.abs(law.gravity_d)
+    effort = _leverage(law) @ asked if np.isinf(grip) else np.full(model.n_actuated, _norm_over(asked, grip))
+    effort_limit = np.abs(motors.limits).min(axis=1)
+    rigorous = isinstance(domain, Atlas)
+    limits = [_what_limits(slope, rigorous)] if whole else [_what_limits(slope, rigorous), _TORN]
+    gains = Gains(
+        K_p=stiffness,
+        K_v=damper,
+        beta=beta,
+        beta_seen=slope.seen,
+        steepest=slope.at,
+        frequencies=frequencies,
+        effort=effort,
+        effort_limit=effort_limit,
+        verdict="proven" if rigorous and whole else "undecided",
+        reason="; ".join(limits),
+    )
+    beyond = _what_is_too_much(model, gains, fastest)
+    if beyond:
+        raise UnattainableGainsError(f"K_p = {stiffness[0, 0]:.4g} I {beyond}: {gains.reason}", gains)
+    return gains
+
+
+def _leverage(law: PDSimpleGravity) -> Array:
+    """|(ρᵀSᵀ)⁺| at q_d, of shape (motors, n): what motors give for one unit of each generalized force.
+
+    It is the same everywhere where the motors sit on q.
+    """
+    transmission = law.near.reference.transmission
+    return np.eye(law.model.n) if transmission is None else np.asarray(np.abs(np.linalg.pinv(transmission)))
+
+
+def _norm_over(asked: Array, grip: float) -> float:
+    """‖τ‖₂/s, infinite where s is not positive."""
+    return float(np.linalg.norm(asked)) / grip if grip > 0.0 else np.inf
+
+
+def _what_limits(slope: SlopeBound, rigorous: bool) -> str:
+    where = f"near q = ({', '.join(f'{value:.4g}' for value in slope.at)})"
+    if not rigorous:
+        return f"on samples ‖∂g/∂q‖ is at most {slope.bound:.4g}, {where}: nothing is proved"
+    if slope.bound <= 2.0 * slope.seen:
+        return f"K_p is limited by ‖∂g/∂q‖ ≤ {slope.bound:.4g} {where}"
+    return (
+        f"sup ‖∂g/∂q‖ is between {slope.seen:.4g} and {slope.bound:.4g} ({slope.proved} cells proved): the atlas ends "
+        f"near a singularity {where}, where it grows without bound; pass a smaller one"
+    )
+
+
+def _what_is_too_much(model: ReducedModel, gains: Gains, fastest: float) -> str:
+    """Which motors cannot give what gains ask for from rest, or which mode is too fast; nothing where none is."""
+    beyond = [
+        f"{name} for up to {asked:.4g} of its {most:.4g}"
+        for name, asked, most in zip(model.mechanism.actuated, gains.effort, gains.effort_limit, strict=True)
+        if asked > most
+    ]
+    if beyond:
+        return f"asks {', '.join(beyond)} from rest in the domain"
+    if gains.frequencies[-1] > fastest:
+        return f"makes a mode of {gains.frequencies[-1]:.4g} rad/s, faster than {fastest:.4g}"
+    return ""
+
+
+class SlopeBound(NamedTuple):
+    """The largest ‖∂g/∂q‖₂ at the centres of cells, a bound over them, where it is largest, and cells proved for it."""
+
+    seen: float
+    bound: float
+    at: Array
+    proved: int
+
+
+def gravity_slope_over(store: CellStore, cells: int = _CELLS) -> SlopeBound:
+    """A bound of sup ‖∂g/∂q‖₂ over proved cells: the one with the largest is halved until its centre bears it out."""
+    heap = [(-cell.well.beta, k) for k, cell in enumerate(store.cells) if cell.well is not None]
+    heapq.heapify(heap)
+    seen, bound, number = 0.0, 0.0, 0
+    while heap:
+        bound, number = -heap[0][0], heap[0][1]
+        seen = max(seen, float(np.linalg.norm(store.well(number).hessian - store.law.K_p, 2)))
+        if bound <= (1.0 + _ACCURACY) * seen + 1e-12 or store.proved >= cells:
+            break
+        children = store.halve_proved(number)
+        if children is None:
+            break
+        heapq.heappop(heap)
+        for child in children:
+            heapq.heappush(heap, (-store.well(child).beta, child))
+    return SlopeBound(seen, bound, 0.5 * (store[number].lower + store[number].upper), store.proved)

@@ -1,0 +1,363 @@
+"""Theorem 3 as a tool: from which states does a PD law with simple gravity compensation reach its set point?
+
+Theorem 3 of `ccpin/proof/theorems/set_point.md`, with what dry friction leaves of it. Its hypotheses are looked at in
+
+1. K_p and K_v: `gain_matrix`; D: `assumes` says where it is taken to be positive definite.
+2. `_check`.
+3. Theorem N on every cell, and a cell's gluing to each neighbour (`certified_cells`); V a function on G though springs
+   are none modulo 2π (`starting_cells`).
+4. `cells_of_atlas`, `cells_around`.
+5. `Flood`: a face at which two cells carry different σ is boundary.
+6. and 7. The wells of every cell that is a member: `beta` and `effort` of `Well`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array, instance, listener, vector
+from ccpin.control.laws import PDSimpleGravity, kind_of, least_eigenvalue
+from ccpin.control.stability.set_point.certified_cells import CellStore, holding
+from ccpin.control.stability.set_point.flood import Budget, Flood, Flooded, Limit, Sublevel, connected
+from ccpin.control.stability.set_point.starting_cells import cells_around, cells_of_atlas
+from ccpin.control.stability.set_point.well import Well, checked_region, sample_region
+from ccpin.covering.region import Corners
+from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.closures.packing import require_about
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
+from ccpin.kinematics.coordinates import checked_q
+from ccpin.mechanism.assumptions import limits_left_out, mass_assumed, rubbing, without_dry_friction
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.newton import predict
+from ccpin.proof.verdict import Verdict
+from ccpin.work import stoppable
+
+_BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
+_ONE_BOX = Budget(0, 1)
+_LIMITS = {
+    "domain": "the edge of the domain",
+    "gain": "where ‖∂g/∂q‖ is not below the gains (or motors elsewhere than on q lose their grip)",
+    "budget": "the number of cells allowed",
+    "depth": "how often a cell may be halved",
+    "interrupted": "the interruption",
+}
+_FAILED = {
+    "domain": "no cell around q_d lies in the domain: its edge, or what could not be proved of it, comes too near",
+    "gain": "‖∂g/∂q‖ could not be bounded below k on the cells around q_d",
+    "budget": "the cells allowed were spent before ‖∂g/∂q‖ was bounded below k around q_d",
+    "depth": "‖∂g/∂q‖ could not be bounded below k on cells around q_d as small as allowed",
+    "interrupted": "the work was interrupted before ‖∂g/∂q‖ was bounded below k around q_d",
+}
+_CLEAR = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class SetPointCertificate:
+    """What Theorem 3 says of a set point.
+
+    Attributes:
+        law: The law.
+        verdict: ``"proven"``: every motion that starts in B₂ converges to q_d; where a joint states dry friction, it
+            stays there and comes to rest, at q_d or where friction holds it. ``"refuted"``: at q_d itself K_p + ∂g/∂q
+            is not positive definite, or ‖∂g/∂q‖ ≥ k, so there is no B₂ of Theorem 3 about it, however small.
+            ``"undecided"``: neither; `reason` says what was spent and what more would do.
+        level: c in joules; 0 where none was found, an estimate where not `rigorous`.
+        level_domain: The largest level found with 𝒬 in the domain, whatever the gains (at least `level`).
+        beta: β over the cells that meet 𝒬; at q_d alone where there is no level.
+        slope: ‖∂g/∂q‖₂ at q_d.
+        gain: k, the least eigenvalue of K_p.
+        stiffness: Least eigenvalue of K_p + ∂g/∂q at q_d; the set point is unstable where it is negative.
+        rigorous: Whether `level` and `beta` are bounds (else estimates from samples).
+        method: How they were found, in words.
+        limit: What keeps c from being larger: the domain, the gain condition, the number of cells, their depth, Ctrl-C.
+        touch: Where, of shape (n,).
+        proved: How many cells were proved for it, beyond an atlas's own.
+    """
+
+    law: PDSimpleGravity
+    level: float
+    level_domain: float
+    beta: float
+    slope: float
+    gain: float
+    stiffness: float
+    rigorous: bool
+    method: str
+    limit: Limit
+    touch: Array
+    proved: int
+    _region: _MemberCells | _SampledRegion | None = field(repr=False)
+
+    def __repr__(self) -> str:
+        return f"SetPointCertificate({self.verdict}: {self.reason})"
+
+    @property
+    def verdict(self) -> Verdict:
+        """See the attributes."""
+        if self.stiffness < -_CLEAR * self.gain or self.slope > (1.0 + _CLEAR) * self.gain:
+            return "refuted"
+        return "proven" if self.rigorous and self.level > 0.0 else "undecided"
+
+    @property
+    def reason(self) -> str:
+        """The verdict in a sentence."""
+        if self.verdict == "refuted":
+            if self.stiffness < 0.0:
+                told = without_dry_friction(self.law.model.mechanism)
+                return f"K_p + ∂g/∂q has the eigenvalue {self.stiffness:.6g} at q_d: the set point is not stable{told}"
+            return (
+                f"the gain condition fails at q_d: ‖∂g/∂q‖ = {self.slope:.6g} is not below k = {self.gain:.6g}; so "
+                f"Theorem 3 says nothing of it (K_p + ∂g/∂q has the least eigenvalue {self.stiffness:.6g} there)"
+            )
+        told = f"c is limited by {_LIMITS[self.limit]}"
+        if self.verdict == "proven":
+            more = "" if self.limit in ("domain", "gain") else f"; {self._more}"
+            return f"every motion with 𝒱 < {self.level:.6g} J around q_d {self._end}; {told}{more}"
+        if not self.rigorous:
+            return f"nothing is proved: on samples c is about {self.level:.6g} J, {told}; over an atlas it is proved"
+        return f"{_FAILED[self.limit]}; {self._more}"
+
+    @property
+    def assumes(self) -> tuple[str, ...]:
+        """Limits taken not to be met, and that D is positive definite where that is open (friction: `reason`)."""
+        mechanism = self.law.model.mechanism
+        return limits_left_out(mechanism) + mass_assumed(mechanism)
+
+    @property
+    def _end(self) -> str:
+        names = rubbing(self.law.model.mechanism)
+        if not names:
+            return "converges"
+        return (
+            f"stays there and comes to rest, at q_d or beside it where the dry friction of {', '.join(names)} holds it"
+        )
+
+    @property
+    def _more(self) -> str:
+        if self.limit == "domain":
+            return f"{self.proved} cells were proved: give a domain with q_d inside it"
+        if self.limit == "interrupted":
+            return f"{self.proved} cells were proved: more time would do more"
+        return f"{self.proved} cells were proved: a larger budget=Budget(depth, cells) or larger gains would do more"
+
+    @property
+    def cells(self) -> tuple[Array, Array]:
+        """Lower and upper corners, (K, n) each, of the cells that hold 𝒬 (the region, where only sampled)."""
+        if self._region is None:
+            empty = np.empty((0, self.law.model.n))
+            return empty, empty
+        return np.atleast_2d(self._region.lower), np.atleast_2d(self._region.upper)
+
+    def contains(self, q: ArrayLike, v: ArrayLike | None = None) -> bool:
+        """Whether the state (q, v) (default at rest) is in B₂: q in cells whose part of {U < c} is 𝒬's, and 𝒱 < c."""
+        point = checked_q(self.law.model.coordinates, q)
+        velocity = np.zeros(self.law.model.n) if v is None else vector(v, "v", self.law.model.n)
+        guess = None if self._region is None else self._region.guess(point)
+        return guess is not None and self.law.lyapunov(point, velocity, guess) < self.level
+
+
+@dataclass(frozen=True, eq=False)
+class _MemberCells:
+    """Cells that hold 𝒬."""
+
+    store: CellStore
+    members: tuple[int, ...]
+    lower: Array
+    upper: Array
+
+    def guess(self, q: Array) -> Array | None:
+        """A configuration in the tube of the cell that holds q; ``None`` where there is no cell."""
+        inside = holding(self.lower, self.upper, q)
+        if not inside.size:
+            return None
+        box = self.store.boxes([self.members[int(inside[0])]])
+        system = self.store.problem.system
+        theta = predict(self.store.problem, box, q[None] - box.centre[:, system.independent])
+        return np.asarray(self.store.reading.configuration(theta[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class _SampledRegion:
+    """A plain region."""
+
+    law: PDSimpleGravity
+    lower: Array
+    upper: Array
+
+    def guess(self, q: Array) -> Array | None:
+        """σ(q) from q_d, where q is inside and can be reached."""
+        if not np.all((self.lower <= q) & (q <= self.upper)):
+            return None
+        try:
+            return self.law.model.sigma(q, self.law.q_free_d)
+        except CcpinError:
+            return None
+
+
+def certify_set_point(
+    model: ReducedModel | Mechanism,
+    q_d: ArrayLike,
+    K_p: ArrayLike,
+    K_v: ArrayLike,
+    domain: Atlas | Corners | None = None,
+    *,
+    guess: ArrayLike | None = None,
+    budget: Budget | None = None,
+    progress: Callable[[Flooded], None] | None = None,
+) -> SetPointCertificate:
+    """Theorem 3 for PD with simple gravity compensation (28) at a set point: `certify_law` of that law.
+
+    Args:
+        model: The reduced model, or a mechanism.
+        q_d: The set point, of shape (n,).
+        K_p: Proportional gains, as for `PDSimpleGravity`.
+        K_v: Velocity gains, alike.
+        domain: As for `certify_law`.
+        guess: Chooses the assembly mode of σ(q_d).
+        budget: As for `certify_law`.
+        progress: As for `certify_law`.
+
+    Raises:
+        InvalidInputError, UnsupportedMechanismError, UnreachableError, SingularConfigurationError: As `certify_law`
+            and `PDSimpleGravity` do.
+    """
+    return certify_law(PDSimpleGravity(model, q_d, K_p, K_v, guess), domain, budget=budget, progress=progress)
+
+
+def certify_law(
+    law: PDSimpleGravity,
+    domain: Atlas | Corners | None = None,
+    *,
+    budget: Budget | None = None,
+    progress: Callable[[Flooded], None] | None = None,
+) -> SetPointCertificate:
+    """Theorem 3 for a law: β, the gain condition, and the largest c found with B₂ in the domain.
+
+    Args:
+        law: PD with simple gravity compensation: the model, q_d, K_p and K_v.
+        domain: A certified atlas on whose branch q_d lies; ``None``: cells are proved around q_d as far as needed
+            (with more than three coordinates a single box, unless `budget` says otherwise); or a plain region
+            (lower, upper), taken to lie in Ω, over which everything is only sampled.
+        budget: How much work to do beyond the atlas's own boxes; default by the number of coordinates, and as many
+            cells more as the atlas has.
+        progress: Called before every cell with how far it is; what it raises ends the work.
+
+    Returns:
+        The certificate; after Ctrl-C what was proved so far, with the limit ``"interrupted"``.
+
+    Raises:
+        InvalidInputError: Another law, or q_d is not in the domain or not on its branch.
+        DifferentSubjectsError: The atlas is of other closures than the law's model; its masses may be others.
+        UnsupportedMechanismError: Coordinates that are not plain numbers, motors on joints of several freedoms, or
+            closures that cannot be certified (a plain region works for these).
+        UnreachableError, SingularConfigurationError: σ does not exist on all of a plain region.
+    """
+    _check(law)
+    if isinstance(domain, Atlas):
+        require_about("a certified set point", domain, law.model)
+    stiffness = law.model.gravity_derivative(law.q_d, law.q_free_d)
+    gain = least_eigenvalue(law.K_p)
+    least = float(np.linalg.eigvalsh(law.K_p + stiffness)[0])
+    norm_d = float(np.linalg.norm(stiffness, 2))
+    if domain is not None and not isinstance(domain, Atlas):
+        return _sampled(law, domain, gain, least, norm_d)
+    own = 0 if domain is None else len(domain.boxes.kappa)
+    if budget is None:
+        budget = _BUDGETS.get(law.model.n, _ONE_BOX)
+        budget = budget._replace(cells=budget.cells + own)
+    else:
+        budget = instance(budget, "budget", Budget)
+    told = listener(progress)
+    with stoppable() as stop:
+
+        def go_on(flooded: Flooded) -> bool:
+            told(flooded)
+            return not stop.is_set()
+
+        store = cells_around(law, gain, budget) if domain is None else cells_of_atlas(law, domain)
+        found = Flood(store, lambda well: well.beta < gain and well.effort > 0.0, budget, go_on).run(law.q_d)
+        level_domain, region, proved = found.level, _members(store, found, law.q_d), store.proved
+        if found.limit in ("gain", "depth"):
+            more = budget._replace(cells=budget.cells + store.proved)
+            level_domain = max(level_domain, Flood(store, _forceful, more, go_on).run(law.q_d).level)
+    around = f"cells proved around q_d, {budget.cells} at most"
+    return SetPointCertificate(
+        law=law,
+        level=found.level,
+        level_domain=level_domain,
+        beta=found.beta if found.level > 0.0 else norm_d,
+        slope=norm_d,
+        gain=gain,
+        stiffness=least,
+        rigorous=True,
+        method=around if domain is None else f"the {own} boxes of an atlas, halved where needed",
+        limit=found.limit,
+        touch=found.point,
+        proved=proved,
+        _region=region,
+    )
+
+
+def _forceful(well: Well) -> bool:
+    return well.effort > 0.0
+
+
+def _members(store: CellStore, found: Sublevel, q_d: Array) -> _MemberCells | None:
+    members = connected(store, found, q_d)
+    if not members:
+        return None
+    cells = [store[k] for k in members]
+    return _MemberCells(
+        store, members, np.array([cell.lower for cell in cells]), np.array([cell.upper for cell in cells])
+    )
+
+
+def _sampled(law: PDSimpleGravity, region: Corners, gain: float, least: float, norm_d: float) -> SetPointCertificate:
+    """The same figures from a grid: the least U on the edge, and among samples where the gain condition fails."""
+    lower, upper = checked_region(law.model, region, law.q_d)
+    samples = sample_region(law.model, lower, upper, law.q_free_d)
+    error = law.q_d - samples.q
+    potential_d = law.model.energy(law.q_d, np.zeros(law.model.n), law.q_free_d).potential
+    well = samples.potential - potential_d + error @ law.gravity_d + 0.5 * np.sum((error @ law.K_p) * error, axis=1)
+    edge = np.where(samples.edge, well, np.inf)
+    failing = np.where(samples.norm >= gain, well, np.inf)
+    level_domain, stop = float(edge.min()), float(failing.min())
+    level = 0.0 if norm_d >= gain else max(0.0, min(level_domain, stop))
+    inside = well < level
+    return SetPointCertificate(
+        law=law,
+        level=level,
+        level_domain=max(level_domain, 0.0),
+        beta=max(norm_d, float(np.max(samples.norm, initial=0.0, where=inside))),
+        slope=norm_d,
+        gain=gain,
+        stiffness=least,
+        rigorous=False,
+        method=f"sampled at {len(samples.q)} points of the region, nothing is proved",
+        limit="gain" if norm_d >= gain or stop < level_domain else "domain",
+        touch=samples.q[int(np.argmin(np.minimum(edge, failing)))],
+        proved=0,
+        _region=_SampledRegion(law, lower, upper),
+    )
+
+
+def _check(law: PDSimpleGravity) -> None:
+    if kind_of(law) != "pd":
+        raise InvalidInputError("Theorem 3 is about PD with simple gravity compensation: pass a PDSimpleGravity law")
+    mechanism, coordinates = law.model.mechanism, law.model.coordinates
+    plural = [name for name in mechanism.actuated if mechanism.tree.joint(mechanism.tree.split(name)[0]).kind.nv != 1]
+    if plural and mechanism.actuated != mechanism.independent:
+        raise UnsupportedMechanismError(
+            f"{mechanism.name}: Theorem 3 is certified for motors on 1-dof joints; '{plural[0]}' has several freedoms: "
+            "load it with independent= set to the motors"
+        )
+    if not (coordinates.scalar and coordinates.constant):
+        raise UnsupportedMechanismError(
+            f"{mechanism.name}: Theorem 3 is certified for revolute and prismatic independent joints only "
+            "(q̃ = q_d − q is not smooth on circles and rotations)"
+        )

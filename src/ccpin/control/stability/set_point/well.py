@@ -1,0 +1,190 @@
+"""The potential well U(q) = V(σ(q)) − V(q_d) + q̃ᵀg(q_d) + ½ q̃ᵀK_p q̃ of a set point, bounded over certified boxes.
+
+U is the part of the Lyapunov function that depends on q alone: 𝒱 = ½ q̇ᵀDq̇ + U. Its gradient vanishes at q_d and its
+Hessian is K_p + ∂g/∂q.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, Indices, Mask, whole
+from ccpin.control.laws import PDSimpleGravity
+from ccpin.control.stability.set_point.potential import GravityBounds
+from ccpin.covering.region import Corners, corners_of
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.errors import InvalidInputError
+from ccpin.mechanism.mechanism import Mechanism
+
+_ROUNDING = 1e-12
+_SWEEPS, _SETTLED = 200, 1e-4
+
+
+class Range(NamedTuple):
+    """lower ≤ min U over a box ≤ upper (J), and a point q (n,) of the box near the minimum."""
+
+    lower: float
+    upper: float
+    point: Array
+
+
+class Well(NamedTuple):
+    """|U(q_c + δ) − (value + gradient·δ + ½ δᵀ hessian δ)| ≤ remainder over one box, and ‖∂g/∂q‖₂ ≤ beta there.
+
+    So is the least singular value of ρᵀSᵀ at least `effort`, if that is positive: every generalized force is one that
+    motors can exert.
+
+    Attributes:
+        centre: q_c, of shape (n,).
+        value: In joules.
+        gradient: Of shape (n,).
+        hessian: K_p + ∂g/∂q at the centre, of shape (n, n).
+        remainder: In joules.
+        beta: In N m/rad (or N/m).
+        effort: Infinite where the motors sit on the independent joints.
+    """
+
+    centre: Array
+    value: float
+    gradient: Array
+    hessian: Array
+    remainder: float
+    beta: float
+    effort: float
+
+    def range_over(self, lower: Array, upper: Array) -> Range:
+        """Bounds of min U over the part [lower, upper] of the box (degenerate edges allowed).
+
+        Where the quadratic is convex on the part, a point p near its minimum gives the bound
+        min ≥ Q(p) + min_δ ∇Q(p)·(δ − p) by convexity; else each term is bounded by itself.
+        """
+        low, high = lower - self.centre, upper - self.centre
+        free = np.flatnonzero(high > low)
+        start = np.where(high > low, 0.5 * (low + high), low)
+        curvature = float(np.linalg.eigvalsh(self.hessian[np.ix_(free, free)])[0]) if free.size else 0.0
+        half = 0.5 * (high - low)
+        if curvature > 0.0:
+            start = point = self._descend(start, low, high, free)
+            slope = self.gradient + self.hessian @ point
+            drop = np.maximum(slope * (point - low), slope * (point - high)).sum()
+        else:
+            slope = self.gradient + self.hessian @ start
+            drop = np.abs(slope) @ half - 0.5 * curvature * (half @ half)
+            point = start - np.sign(slope) * half
+        least = self.quadratic(start) - float(drop)
+        return Range(least - self.remainder, self.quadratic(point) + self.remainder, self.centre + point)
+
+    def quadratic(self, delta: Array) -> float:
+        """The value + gradient·δ + ½ δᵀ hessian δ."""
+        return float(self.value + self.gradient @ delta + 0.5 * delta @ self.hessian @ delta)
+
+    def _descend(self, point: Array, low: Array, high: Array, free: Indices) -> Array:
+        """Minimise the quadratic over the box one coordinate after the other."""
+        point = point.copy()
+        for _ in range(_SWEEPS if free.size > 1 else 1):
+            before = point.copy()
+            for k in free:
+                slope = self.gradient[k] + self.hessian[k] @ point
+                point[k] = min(max(point[k] - slope / self.hessian[k, k], low[k]), high[k])
+            if np.all(np.abs(point - before) <= _SETTLED * (high - low)):
+                break
+        return point
+
+
+def wells(law: PDSimpleGravity, centres: Array, half: Array, slopes: Array, bounds: GravityBounds) -> list[Well]:
+    """U over B boxes with centres and half-widths (B, n), and D (B, n′, n), σ's slopes at the centres."""
+    potential_d = law.model.energy(law.q_d, np.zeros(law.model.n), law.q_free_d).potential
+    norms, efforts, found = bounds.norm, _efforts(law, slopes, bounds.turning), []
+    for k, centre in enumerate(centres):
+        error = law.q_d - centre
+        parts = np.array(
+            [bounds.value[k], -potential_d, error @ law.gravity_d, 0.5 * error @ law.K_p @ error], dtype=np.float64
+        )
+        slopes = np.abs(bounds.gradient[k]) + np.abs(law.gravity_d) + np.abs(law.K_p) @ (np.abs(error) + half[k])
+        rounding = _ROUNDING * (np.abs(parts).sum() + slopes @ half[k])
+        found.append(
+            Well(
+                centre=centre,
+                value=float(parts.sum()),
+                gradient=bounds.gradient[k] - law.gravity_d - law.K_p @ error,
+                hessian=bounds.hessian[k] + law.K_p,
+                remainder=float(bounds.remainder[k] + rounding),
+                beta=float(norms[k]),
+                effort=float(efforts[k]),
+            )
+        )
+    return found
+
+
+def _efforts(law: PDSimpleGravity, slopes: Array, turning: Array) -> Array:
+    """Lower bounds of the least singular value of S ρ over boxes: ρ is within `turning` of D, the slopes, (B,).
+
+    By Weyl's inequality singular values move by at most ‖|S| turning‖, of which the Frobenius norm is a bound.
+    """
+    mechanism = law.model.mechanism
+    if mechanism.actuated == mechanism.independent:
+        return np.full(len(slopes), np.inf)
+    motors = mechanism.actuation
+    driven = motors @ slopes[:, : mechanism.n_free]
+    moved = np.linalg.norm(np.abs(motors) @ turning[:, : mechanism.n_free], axis=(1, 2))
+    singular = np.linalg.svd(driven, compute_uv=False)
+    return np.asarray(singular[:, -1] - _ROUNDING * singular[:, 0] - moved)
+
+
+# U and ‖∂g/∂q‖ on a grid over a region: estimates, where nothing is proved.
+
+_POINTS = 2500
+
+
+class RegionSamples(NamedTuple):
+    """A grid over [lower, upper], corners and faces included.
+
+    Attributes:
+        q: Of shape (N, n).
+        potential: V(σ(q)) in joules, of shape (N,).
+        norm: ‖∂g/∂q‖₂, of shape (N,).
+        edge: Whether a point lies on the region's boundary, of shape (N,).
+    """
+
+    q: Array
+    potential: Array
+    norm: Array
+    edge: Mask
+
+
+def checked_region(model: ReducedModel, region: Corners, q_d: Array) -> tuple[Array, Array]:
+    """The corners of a region that holds q_d.
+
+    Raises:
+        InvalidInputError: Corners of the wrong shape or order, or q_d outside.
+    """
+    lower, upper = corners_of(region, model.mechanism.independent)
+    if not np.all((lower <= q_d) & (q_d <= upper)):
+        raise InvalidInputError(f"the set point {q_d} lies outside of the region from {lower} to {upper}")
+    return lower, upper
+
+
+def sample_region(
+    model: ReducedModel | Mechanism, lower: Array, upper: Array, q_free_d: Array, points: int = _POINTS
+) -> RegionSamples:
+    """Evaluate on a grid of about `points` points (at least 3 a coordinate), on the branch of q′_d.
+
+    Raises:
+        UnreachableError, SingularConfigurationError: σ does not exist on all of the region.
+    """
+    model = model_of(model)
+    lower, upper = corners_of((lower, upper), model.mechanism.independent)
+    count = max(3, int(whole(points, "points") ** (1.0 / model.n)))
+    indices = np.array(list(product(range(count), repeat=model.n)))
+    q = lower + (upper - lower) * indices / (count - 1)
+    potential, norm, near = np.empty(len(q)), np.empty(len(q)), q_free_d
+    rest = np.zeros(model.n)
+    for k, point in enumerate(q):
+        near = model.sigma(point, q_free_d if indices[k, -1] == 0 else near)
+        potential[k] = model.energy(point, rest, near).potential
+        norm[k] = np.linalg.norm(model.gravity_derivative(point, near), 2)
+    edge = np.any((indices == 0) | (indices == count - 1), axis=1)
+    return RegionSamples(q, potential, norm, np.asarray(edge))

@@ -1,0 +1,1 @@
+"""Bounds of the tracking error, proved along a reference, where σ is only known to ε."""

@@ -1,0 +1,174 @@
+"""Storage functions V = xᵀP x of the tracking errors x = (e, ė), and what a deviation Δ of the law does to them.
+
+`ccpin/proof/theorems/storage.md` has P, W and S of both laws, the lemma and its rounding.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_continuous_lyapunov
+
+from ccpin.arrays import Array
+from ccpin.control.laws import kind_of
+from ccpin.control.tracking import TrackingLaw
+from ccpin.proof.balls import Affine, affine, joined
+from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
+
+_DECAYS = np.geomspace(0.02, 0.98, 40)
+_CROSS = np.geomspace(0.01, 0.9, 24)
+_KEPT = 0.98
+_CLEAR = 1e-9
+_DEFINITE = 1e-7  # of matrices with a diagonal of ones: a million times what eigenvalues are computed to
+
+
+class Storage(NamedTuple):
+    """P, W and S over K cells, for all states in them.
+
+    Attributes:
+        P, W: Of shape (K, 2n, 2n).
+        S: Of shape (2n, n).
+    """
+
+    P: Affine
+    W: Affine
+    S: Array
+
+
+class StorageChoice(NamedTuple):
+    """Which storage function.
+
+    Attributes:
+        decay: α, 1/s.
+        cross: c, 1/s; 0 for computed torque.
+        scale: L's diagonal, of shape (n,).
+        P: Computed torque's P, of shape (2n, 2n).
+    """
+
+    decay: float
+    cross: float
+    scale: Array
+    P: Array | None
+
+
+def storage_of(law: TrackingLaw, plan: StorageChoice, D: Affine, C: Affine, damping: Affine) -> Storage:
+    """The storage function of a plan over cells with these D, C and damping (K, n, n)."""
+    n = len(plan.scale)
+    if plan.P is not None:
+        return Storage(affine(plan.P[None]), *_constant(law, plan.P))
+    c = plan.cross
+    corner = affine(c * law.K_p) + D * 0.0
+    mixed, low = (damping - C.transposed()) * (0.5 * c), damping + law.K_v - D * c
+    half = D * (0.5 * c)
+    P = _blocks(0.5 * (law.K_p + c * law.K_v) + D * 0.0, half, D * 0.5)
+    return Storage(P, _blocks(corner, mixed, low), np.vstack([c * np.eye(n), np.eye(n)]))
+
+
+def _constant(law: TrackingLaw, P: Array) -> tuple[Affine, Array]:
+    """W with its rounding, of shape (1, 2n, 2n), and S of computed torque."""
+    n = len(law.K_p)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-law.K_p, -law.K_v]])
+    sizes = np.abs(P) @ np.abs(A)
+    rounding = (2 * n + 2) * UNIT_ROUNDOFF * (sizes + sizes.T) * SLACK
+    W = -(P @ A + A.T @ P)
+    return Affine(W[None], np.zeros((0, 1, *W.shape)), rounding[None]), 2.0 * P[:, n:]
+
+
+def _blocks(first: Affine, mixed: Affine, last: Affine) -> Affine:
+    """The symmetric matrices [first mixed; mixedᵀ last]."""
+    return joined([joined([first, mixed], -1), joined([mixed.transposed(), last], -1)], -2)
+
+
+def floor(matrix: Affine) -> Array:
+    """A matrix below all symmetric ones of a form (K, k, k): x_i x_j δ_ij ≤ ½|δ_ij|(r x_i² + x_j²/r) for any r > 0."""
+    size = np.sqrt(np.abs(np.diagonal(matrix.mid, axis1=1, axis2=2)))
+    with np.errstate(all="ignore"):
+        ratio = size[:, :, None] / size[:, None, :]
+        lost = np.sum(matrix.spread * ratio, axis=2) * SLACK
+    lowered = matrix.mid.copy()
+    k = np.arange(matrix.mid.shape[1])
+    lowered[:, k, k] -= lost + _CLEAR * np.abs(lowered[:, k, k])
+    return lowered
+
+
+def gain(storage: Storage, plan: StorageChoice) -> Array:
+    """g of each cell, of shape (K,), as in the lemma; infinite where W − αP is not proved positive definite."""
+    M = floor(storage.W - storage.P * plan.decay)
+    S = storage.S * plan.scale
+    squared = _inverse_form(M, S) / (4.0 * plan.decay)
+    return np.sqrt(squared)
+
+
+def widths(storage: Storage) -> Array:
+    """(P⁻¹)_ii^½ at the worst of each cell, of shape (K, 2n); infinite where P may be indefinite."""
+    lowest = floor(storage.P)
+    inverse = _inverted(lowest)
+    return np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)) * SLACK
+
+
+def _inverse_form(M: Array, S: Array) -> Array:
+    """λ_max(SᵀM⁻¹S) of each matrix; infinite where it is not positive definite."""
+    inner = np.swapaxes(S, -1, -2) @ (_inverted(M) @ S)
+    usable = np.isfinite(inner).all(axis=(1, 2))
+    result = np.full(len(M), np.inf)
+    result[usable] = np.linalg.eigvalsh(inner[usable])[:, -1] * (1.0 + _CLEAR)
+    return result
+
+
+def _inverted(M: Array) -> Array:
+    """Matrices above the inverses of those (K, k, k) that are proved positive definite; infinite for the others."""
+    result = np.full(M.shape, np.inf)
+    k = M.shape[1]
+    size = np.sqrt(np.abs(np.diagonal(M, axis1=1, axis2=2)))
+    outer = size[:, :, None] * size[:, None, :]
+    usable = np.isfinite(M).all(axis=(1, 2)) & np.all(size > 0.0, axis=1)
+    scaled = M[usable] / outer[usable]
+    least = np.linalg.eigvalsh(scaled)[:, 0] * (1.0 - _CLEAR)
+    definite = least > _DEFINITE
+    scaled, least = scaled[definite], least[definite]
+    inverse = np.linalg.inv(scaled)
+    inverse = 0.5 * (inverse + np.swapaxes(inverse, 1, 2))
+    off = np.abs(np.eye(k) - inverse @ scaled) + (k + 4) * UNIT_ROUNDOFF * (np.abs(inverse) @ np.abs(scaled))
+    off = np.linalg.norm(off, axis=(1, 2)) / least + 4.0 * UNIT_ROUNDOFF * np.linalg.norm(inverse, axis=(1, 2))
+    rows = np.flatnonzero(usable)[definite]
+    result[rows] = (inverse + off[:, None, None] * SLACK * np.eye(k)) / outer[rows]
+    return result
+
+
+def plan_for(law: TrackingLaw, scale: Array, D: Array, C: Array, damping: Array) -> StorageChoice | None:
+    """A plan whose bound of e is about the least, for deviations of these scales and D, C, damping at K places.
+
+    Computed torque: among the smallest ellipsoids that |L⁻¹Δ| ≤ 1 cannot leave, A Y + Y Aᵀ + αY + BL²Bᵀ/α = 0,
+    P = Y⁻¹, that of the least Σ √Y_ii/scale_i. PD+: c and α from a grid.
+    """
+    n = len(scale)
+    if kind_of(law) != "pd_plus":
+        plans = _ellipsoids(law, scale)
+        D, C, damping = D[:1], C[:1], damping[:1]
+    else:
+        largest = float(np.linalg.eigvalsh(law.K_v)[0] / np.linalg.eigvalsh(D)[:, -1].max())
+        plans = [StorageChoice(2.0 * c * share, c, scale, None) for c in largest * _CROSS for share in _DECAYS[::2]]
+    best, least = None, np.inf
+    for plan in plans:
+        storage = storage_of(law, plan, affine(D), affine(C), affine(damping))
+        with np.errstate(all="ignore"):
+            reach = gain(storage, plan)[:, None] * widths(storage)[:, :n] / scale
+        worst = float(reach.sum(axis=1).max())
+        if worst < least:
+            best, least = plan, worst
+    return best
+
+
+def _ellipsoids(law: TrackingLaw, scale: Array) -> list[StorageChoice]:
+    n = len(scale)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-law.K_p, -law.K_v]])
+    slowest = -2.0 * float(np.linalg.eigvals(A).real.max())
+    drive = np.zeros((2 * n, 2 * n))
+    drive[n:, n:] = np.diag(scale**2)
+    plans = []
+    for decay in slowest * _DECAYS:
+        Y = solve_continuous_lyapunov(A + 0.5 * decay * np.eye(2 * n), -drive / decay)
+        P = np.linalg.inv(0.5 * (Y + Y.T))
+        plans.append(StorageChoice(_KEPT * decay, 0.0, scale, 0.5 * (P + P.T)))
+    return plans

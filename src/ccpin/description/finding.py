@@ -1,0 +1,69 @@
+"""Which file a path means: the file itself, an installed model, or the one that a folder holds."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+from ccpin.errors import DescriptionNotFoundError
+
+_IN_A_FOLDER = ("robot.yaml", "robot.urdf", "robot.xml")
+"""What is looked for in a folder, in this order: a robot.yaml is about the robot.urdf beside it."""
+
+
+def installed_models() -> dict[str, Path]:
+    """The mechanisms that come with ccpin: their files by name."""
+    packaged = Path(str(files("ccpin"))) / "models"
+    checkout = Path(__file__).resolve().parents[3] / "models"
+    folder = packaged if packaged.is_dir() else checkout
+    return {path.stem: path for path in sorted(folder.glob("*.urdf"))}
+
+
+def find_file(path: str | Path) -> Path:
+    """Resolve a path or an installed model's name.
+
+    Raises:
+        DescriptionNotFoundError: Neither exists.
+    """
+    try:
+        candidate = Path(path)
+        if candidate.exists():
+            return candidate
+        models = installed_models()
+        if str(path) in models:
+            return models[str(path)]
+    except (OSError, ValueError, TypeError) as error:
+        raise DescriptionNotFoundError(f"not a usable path: {error}", source=str(path)[:200]) from None
+    raise DescriptionNotFoundError(
+        f"no such file, and no installed model of that name (those are {', '.join(models)})", source=str(path)
+    )
+
+
+def read_file(path: str | Path) -> tuple[Path, bytes]:
+    """The file that a path, a folder or an installed model's name means, and what is in it.
+
+    Raises:
+        DescriptionNotFoundError: There is none, or it cannot be read.
+    """
+    file = find_file(path)
+    if file.is_dir():
+        file = _file_in(file)
+    if not file.is_file():
+        raise DescriptionNotFoundError("neither a file nor a folder (a device or a pipe, perhaps)", source=str(file))
+    try:
+        return file, file.read_bytes()
+    except OSError as error:
+        raise DescriptionNotFoundError(f"cannot be read: {error.strerror}", source=str(file)) from None
+
+
+def _file_in(folder: Path) -> Path:
+    for name in _IN_A_FOLDER:
+        if (folder / name).is_file():
+            return folder / name
+    from ccpin.description.sdf.includes import model_in
+
+    found = model_in(folder)
+    if found is not None:
+        return found
+    known = f"{', '.join(_IN_A_FOLDER)} or model.sdf"
+    raise DescriptionNotFoundError(f"the folder holds no {known}", source=str(folder))

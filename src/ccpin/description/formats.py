@@ -1,0 +1,246 @@
+"""The registry of formats: how a file of each is recognised, who reads it and who writes it.
+
+A reader or writer is loaded with the first file of its format. To add one: a module that returns (or takes) a
+`MechanismDescription`, and an entry of `FORMATS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from ccpin.description.finding import read_file
+from ccpin.description.model import MechanismDescription
+from ccpin.errors import AmbiguousFormatError, CcpinError, InvalidInputError
+
+if TYPE_CHECKING:
+    from ccpin.description.elements.xml import XmlElement
+
+_XML_BEGINS = (b"<", b"\xef\xbb\xbf<", b"\xff\xfe", b"\xfe\xff")
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file to be read, and what its reader is told (`read_description` says what of).
+
+    Attributes:
+        file: Its path.
+        content: What is in it.
+        model, include_root, xacro, xacro_arguments: As for `read_description`.
+    """
+
+    file: Path
+    content: bytes
+    model: str | None = None
+    include_root: str | Path | None = None
+    xacro: bool = False
+    xacro_arguments: Mapping[str, str] | None = None
+
+    @property
+    def is_xml(self) -> bool:
+        """Whether the content begins as XML does."""
+        return self.content.lstrip().startswith(_XML_BEGINS)
+
+    @cached_property
+    def root(self) -> XmlElement:
+        """The XML's root element, parsed once.
+
+        Raises:
+            InvalidXmlError: It is malformed, or refused for safety.
+        """
+        from ccpin.description.elements.xml import parse_xml
+
+        return parse_xml(self.content, str(self.file))
+
+
+class Format(NamedTuple):
+    """What there is to know of a format.
+
+    Attributes:
+        title: What its authors call it.
+        suffixes: What the names of files that are written in it end in, in lower case.
+        read: Its reader.
+        write: Its writer; it returns what the format has no place for, in sentences.
+        root: The tag of its XML's root element; ``None``: it is not XML.
+        key: What a file that is not XML must hold to be of it.
+        expands: Whether its files may hold xacro.
+    """
+
+    title: str
+    suffixes: tuple[str, ...]
+    read: Callable[[Source], MechanismDescription]
+    write: Callable[[MechanismDescription, str | Path], tuple[str, ...]]
+    root: str | None = None
+    key: str = ""
+    expands: bool = False
+
+    def recognises(self, source: Source) -> bool:
+        """Whether a file's content shows the format."""
+        from ccpin.description.elements.xml import tag
+
+        if self.root is None:
+            return not source.is_xml and self.key.encode() in source.content
+        return source.is_xml and tag(source.root) == self.root
+
+
+def _read_urdf(source: Source) -> MechanismDescription:
+    from ccpin.description.urdf.reader import urdf_description
+    from ccpin.description.urdf.xacro import without_xacro
+
+    root, said = without_xacro(source.root, source.file, source.xacro, source.xacro_arguments)
+    description = urdf_description(root)
+    return replace(description, notes=(*said, *description.notes))
+
+
+def _write_urdf(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
+    from ccpin.description.urdf.writer import write_urdf
+
+    return write_urdf(description, path)
+
+
+def _read_sdf(source: Source) -> MechanismDescription:
+    from ccpin.description.sdf.reader import sdf_description
+
+    return sdf_description(source.root, model=source.model, include_root=source.include_root)
+
+
+def _write_sdf(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
+    from ccpin.description.sdf.writer import write_sdf
+
+    return write_sdf(description, path)
+
+
+def _read_mjcf(source: Source) -> MechanismDescription:
+    from ccpin.description.mjcf.reader import mjcf_description
+
+    return mjcf_description(source.root, include_root=source.include_root)
+
+
+def _write_mjcf(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
+    from ccpin.description.mjcf.writer import write_mjcf
+
+    return write_mjcf(description, path)
+
+
+def _read_toolbox(source: Source) -> MechanismDescription:
+    from ccpin.description.toolbox.reader import toolbox_description
+
+    return toolbox_description(source.content, source.file)
+
+
+def _write_toolbox(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
+    from ccpin.description.toolbox.writer import write_toolbox
+
+    return write_toolbox(description, path)
+
+
+FORMATS: dict[str, Format] = {
+    "urdf": Format("URDF", (".urdf",), _read_urdf, _write_urdf, root="robot", expands=True),
+    "sdf": Format("SDFormat", (".sdf",), _read_sdf, _write_sdf, root="sdf"),
+    "mjcf": Format("MJCF", (".xml", ".mjcf"), _read_mjcf, _write_mjcf, root="mujoco"),
+    "toolbox": Format("toolbox", (".yaml", ".yml"), _read_toolbox, _write_toolbox, key="closed_loop"),
+}
+"""Every format by name; a new entry is read, written, and offered by the command line."""
+
+
+def read_description(
+    path: str | Path,
+    format: str | None = None,
+    *,
+    model: str | None = None,
+    include_root: str | Path | None = None,
+    xacro: bool = False,
+    xacro_arguments: Mapping[str, str] | None = None,
+) -> MechanismDescription:
+    """Read a file in the format its content shows, or in the one named.
+
+    Args:
+        path: File or installed model's name; a folder stands for the robot.yaml, robot.urdf, robot.xml or model.sdf
+            in it.
+        format: ``"urdf"``, ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` (toolbox-parallel-robots: YAML beside a URDF).
+        model: Which model of an SDFormat file to read, where it holds several.
+        include_root: The folder an SDFormat or MJCF file may include others from; default its own.
+        xacro: Expand xacro elements and expressions also where the file's name does not end in ``.xacro``. A xacro
+            file is a program, so no other is expanded unasked (`ccpin.description.urdf.xacro`).
+        xacro_arguments: Values of a xacro file's arguments.
+
+    Raises:
+        DescriptionNotFoundError, AmbiguousFormatError, InvalidXmlError, DescriptionError: See `ccpin.errors`.
+    """
+    if format is not None and (not isinstance(format, str) or format not in FORMATS):
+        raise AmbiguousFormatError(f"format {format!r:.80} is not one of {', '.join(FORMATS)}", source=str(path))
+    source = Source(*read_file(path), model, include_root, xacro, xacro_arguments)
+    return (_recognised(source) if format is None else _fitting(FORMATS[format], source)).read(source)
+
+
+def _recognised(source: Source) -> Format:
+    """The format that the content shows.
+
+    Raises:
+        AmbiguousFormatError: None.
+    """
+    found = next((known for known in FORMATS.values() if known.recognises(source)), None)
+    if found is not None:
+        return _fitting(found, source)
+    of_xml = [known for known in FORMATS.values() if known.root is not None]
+    if source.is_xml:
+        from ccpin.description.elements.xml import tag
+
+        _refuse_xacro(source)
+        known = ", ".join(f"<{known.root}> ({known.title})" for known in of_xml)
+        message = f"the root element <{tag(source.root)}> is none of {known}"
+    else:
+        keys = " or ".join(f"'{known.key}'" for known in FORMATS.values() if known.root is None)
+        titles = ", ".join(known.title for known in of_xml)
+        message = f"neither XML ({titles}) nor a YAML file with a {keys} key"
+    raise AmbiguousFormatError(message, source=str(source.file))
+
+
+def _fitting(known: Format, source: Source) -> Format:
+    """The format, if its reader may have the file."""
+    if known.root is not None and not known.expands:
+        _refuse_xacro(source)
+    return known
+
+
+def _refuse_xacro(source: Source) -> None:
+    from ccpin.description.elements.xml import fail
+    from ccpin.description.urdf.xacro import is_xacro
+
+    if is_xacro(source.root):
+        message = "the file holds xacro elements; only URDFs are expanded here, so give the expanded file"
+        raise fail(source.root, message)
+
+
+def write_description(
+    description: MechanismDescription, path: str | Path, format: str | None = None
+) -> tuple[str, ...]:
+    """Write a description as a file that `ccpin.load` and the format's own tools read.
+
+    Args:
+        description: What to write.
+        path: The file; its suffix tells the format where `format` does not (.urdf, .sdf, .xml, .yaml).
+        format: ``"urdf"`` (with URDF+ loops), ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` (robot.yaml with its robot.urdf).
+
+    Returns:
+        What the description states and the format has no place for, in sentences.
+
+    Raises:
+        InvalidInputError: The format is none of these, or the file cannot be written.
+        DescriptionError: The format has no words for something, by name.
+        CcpinError: A library that writes the format does not load.
+    """
+    if not isinstance(path, str | Path):
+        raise InvalidInputError(f"a file to write must be a path, not {type(path).__name__}")
+    by_suffix = {suffix: name for name, known in FORMATS.items() for suffix in known.suffixes}
+    wanted = by_suffix.get(Path(path).suffix.lower()) if format is None else format
+    if not isinstance(wanted, str) or wanted not in FORMATS:
+        told = f"format {format!r:.80}" if format is not None else f"the suffix of '{path}'"
+        raise InvalidInputError(f"{told} names none of {', '.join(FORMATS)}; say format=")
+    try:
+        return FORMATS[wanted].write(description, path)
+    except ImportError as error:
+        raise CcpinError(f"what writes {wanted} files does not load ({error}): install that package anew") from error

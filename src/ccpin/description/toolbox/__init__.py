@@ -1,0 +1,1 @@
+"""Toolbox-parallel-robots files: a robot.yaml that closes and motorises the URDF beside it; read and written."""

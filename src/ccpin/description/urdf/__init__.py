@@ -1,0 +1,1 @@
+"""URDF with the dialects that close loops in it, and xacro; read and written."""

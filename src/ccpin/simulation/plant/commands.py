@@ -1,0 +1,101 @@
+"""What a simulator takes for a law: what users give, a held effort, and a law whose efforts are looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array, frozen, numbers
+from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction, effort_at
+from ccpin.control.statements import Statement
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import State
+from ccpin.errors import InvalidInputError
+
+LawLike = ControlLaw | Callable[[float, Array, Array], ArrayLike] | None
+
+
+def law_of(model: ReducedModel, law: LawLike) -> ControlLaw:
+    """A law itself, a function (t, q, v) → u as one, or no torque.
+
+    Raises:
+        InvalidInputError: It is none of these.
+    """
+    if law is None:
+        return NoTorque(model)
+    if isinstance(law, ControlLaw):
+        return law
+    if callable(law):
+        return TorqueFunction(law)
+    raise InvalidInputError("controller must be a ControlLaw, a function (t, q, v) → u, or None")
+
+
+class HeldEffort(ControlLaw):
+    """A constant u.
+
+    Args:
+        effort: It.
+    """
+
+    everywhere = True
+
+    def __init__(self, effort: Array) -> None:
+        self.effort = effort
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        """The effort."""
+        return self.effort
+
+    def next_switch(self, t: float) -> float:
+        """Never."""
+        return np.inf
+
+    def statement(self) -> Statement:
+        """The effort."""
+        return Statement("constant", constant=self.effort)
+
+
+class CheckedLaw(ControlLaw):
+    """A law whose u is looked at, so that one of the wrong size or none is told as the law's mistake.
+
+    What it is given it can only read, and what it returns is copied, so a law that uses an array again changes nothing.
+    At a State in other coordinates than its model's it is given q, q̇ and q′ as they are reported.
+
+    Args:
+        law: The law.
+        model: Whose q, q̇ and u are the law's.
+        reported: q, q̇ of this model and q′ at a State of another one, which the motion is in.
+    """
+
+    def __init__(
+        self, law: ControlLaw, model: ReducedModel, reported: Callable[[State, Array], tuple[Array, Array, Array]]
+    ) -> None:
+        self._law, self._model, self._reported = law, model, reported
+        self._motors, self._size = model.mechanism.actuated, model.n_actuated
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        """The law's, if it is of the motors' number."""
+        return self._sized(self._law.torque(t, frozen(q), frozen(v), guess))
+
+    def torque_at(self, t: float, state: State, v: Array) -> Array:
+        """The same at a State."""
+        if state.model is not self._model:
+            return self.torque(t, *self._reported(state, v))
+        return self._sized(effort_at(self._law, t, state, frozen(v)))
+
+    def next_switch(self, t: float) -> float | None:
+        """The law's."""
+        return self._law.next_switch(t)
+
+    def _sized(self, u: ArrayLike) -> Array:
+        found = frozen(numbers(u, "what the law returned"))  # a law may write into its own again
+        if found.shape != (self._size,):
+            raise InvalidInputError(
+                f"the law returned u of shape {found.shape}; it must be ({self._size},), efforts of "
+                f"{', '.join(self._motors) or 'no motor'}"
+            )
+        if not np.isfinite(found).all():
+            raise InvalidInputError(f"the law returned u = {found.tolist()}, which is not finite")
+        return found

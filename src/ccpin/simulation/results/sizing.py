@@ -1,0 +1,90 @@
+"""What a motion asks of motors and bearings: for choosing them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.integrate import trapezoid
+
+from ccpin.arrays import Array, instance
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.wrenches import Pushes, Wrenches
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation.results.forces import PeakForce, closure_forces, joint_forces
+from ccpin.simulation.results.trajectory import Trajectory
+
+
+class Sizing(NamedTuple):
+    """Motors in their own units (u and the rate it works on: N m and rad/s, N and m/s), of shape (motors,) each.
+
+    Integrals are those of the trapezoidal rule over the samples.
+
+    Attributes:
+        motors: Their names.
+        rms_effort: √(∫u² dt / T).
+        peak_effort: Largest |u|. peak_speed: largest |rate|.
+        peak_power: Largest power given to the mechanism, W.
+        work: ∫u·rate dt, J. drive_work: of its positive part; braking_work: of its negative part, J.
+        bearings: The peak loads of closures and of the tree's joints.
+    """
+
+    motors: tuple[str, ...]
+    rms_effort: Array
+    peak_effort: Array
+    peak_speed: Array
+    peak_power: Array
+    work: Array
+    drive_work: Array
+    braking_work: Array
+    bearings: tuple[PeakForce, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """The motors' numbers as lists, and the bearings' as ``force_NAME`` (N) and ``moment_NAME`` (N m)."""
+        numbers = {name: value.tolist() for name, value in self._asdict().items() if isinstance(value, np.ndarray)}
+        loads = ({f"force_{peak.name}": peak.force, f"moment_{peak.name}": peak.moment} for peak in self.bearings)
+        return numbers | {name: value for each in loads for name, value in each.items()}
+
+
+def demands(
+    model: ReducedModel | Mechanism,
+    trajectory: Trajectory,
+    wrenches: Wrenches | Pushes | None = None,
+    *,
+    bearings: bool = True,
+) -> Sizing:
+    """What a motion asked of its motors and bearings.
+
+    Args:
+        model: The reduced model, or a mechanism.
+        trajectory: A motion of it.
+        wrenches: On links, as for `simulate`.
+        bearings: Whether to compute the bearings' loads, which costs most.
+
+    Raises:
+        DifferentSubjectsError: The trajectory is not this model's.
+    """
+    instance(trajectory, "trajectory", Trajectory)
+    model = trajectory.of("demands on motors and bearings", model, "closures", "dynamics")
+    t, u = trajectory.t, trajectory.u
+    rates = np.array([_rates(model, state.v_free(v), v) for state, v, _ in trajectory.states(model)])
+    power, duration = u * rates, max(float(t[-1] - t[0]), np.finfo(float).tiny)
+    loads = (
+        (*closure_forces(model, trajectory, wrenches), *joint_forces(model, trajectory, wrenches)) if bearings else ()
+    )
+    return Sizing(
+        motors=model.mechanism.actuated,
+        rms_effort=np.sqrt(trapezoid(u**2, t, axis=0) / duration),
+        peak_effort=np.abs(u).max(axis=0),
+        peak_speed=np.abs(rates).max(axis=0),
+        peak_power=power.max(axis=0),
+        work=trapezoid(power, t, axis=0),
+        drive_work=trapezoid(np.maximum(power, 0.0), t, axis=0),
+        braking_work=trapezoid(np.minimum(power, 0.0), t, axis=0),
+        bearings=tuple(load.peak() for load in loads),
+    )
+
+
+def _rates(model: ReducedModel, v_free: Array, v: Array) -> Array:
+    """S q̇′, what each u works on."""
+    return v if model.actuation is None else np.asarray(model.actuation @ v_free)

@@ -1,0 +1,239 @@
+"""Straight-line programs: a function written once with + − × sin cos and linear solves, then run over any numbers.
+
+The dynamics are recorded on a `Tape` as an expression graph in which constants are exact rationals (or balls) and
+vanish where they are 0 or 1; repeated expressions are recorded once. A planar mechanism written with 3-vectors
+thus costs what a planar one should. `ccpin.validated.arithmetic.series` runs the instructions over balls: values,
+gradients, Taylor coefficients along the solution of an equation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ccpin.validated.arithmetic.balls import ball, flint
+
+INPUT, CONSTANT, ADD, SUBTRACT, MULTIPLY, SCALE, SINE, COSINE, SOLVE, PART, GAIN = range(11)
+Expression = Any  # a Node, or a constant: int, fmpq or arb
+
+
+class Instruction(NamedTuple):
+    """One operation of a program.
+
+    Attributes:
+        kind: Its code.
+        target: The number of the value it defines (for SOLVE: of nothing; its PARTs define the values).
+        a, b: Numbers of its operands: SINE and COSINE know each other by b; PART is column b of a row-major
+            solution of SOLVE a; SOLVE keeps a `LinearSystem` in b, GAIN the order of its derivative.
+        constant: The factor of SCALE, the value of CONSTANT.
+    """
+
+    kind: int
+    target: int
+    a: Any = None
+    b: Any = None
+    constant: Any = None
+
+
+class LinearSystem(NamedTuple):
+    """A z = B with numbers of values as entries; A of shape (m, m), B of shape (m, k)."""
+
+    matrix: tuple[tuple[int, ...], ...]
+    right: tuple[tuple[int, ...], ...]
+
+
+class Program(NamedTuple):
+    """Instructions in an order in which they can be run.
+
+    Attributes:
+        size: How many values there are.
+        inputs: How many inputs there are; they are values 0, 1, ….
+        instructions: All that the outputs need.
+        outputs: Numbers of the output values.
+    """
+
+    size: int
+    inputs: int
+    instructions: tuple[Instruction, ...]
+    outputs: tuple[int, ...]
+
+
+class Node:
+    """A recorded value."""
+
+    __slots__ = ("index", "tape")
+
+    def __init__(self, tape: Tape, index: int) -> None:
+        self.tape, self.index = tape, index
+
+    def __add__(self, other: Expression) -> Expression:
+        return self.tape.add(self, other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Expression) -> Expression:
+        return self.tape.subtract(self, other)
+
+    def __rsub__(self, other: Expression) -> Expression:
+        return self.tape.subtract(other, self)
+
+    def __mul__(self, other: Expression) -> Expression:
+        return self.tape.multiply(self, other)
+
+    __rmul__ = __mul__
+
+    def __neg__(self) -> Expression:
+        return self.tape.multiply(self, -1)
+
+
+class Tape:
+    """The recorder. The first `inputs` nodes are the inputs."""
+
+    def __init__(self, inputs: int) -> None:
+        self.instructions: list[Instruction] = []
+        self._known: dict[tuple[Any, ...], Node] = {}
+        self.inputs = tuple(self._record(INPUT, k) for k in range(inputs))
+
+    def node(self, value: Expression) -> Node:
+        """The value as a node (a constant is recorded)."""
+        return value if isinstance(value, Node) else self._record(CONSTANT, constant=_number(value))
+
+    def add(self, a: Expression, b: Expression) -> Expression:
+        """The sum a + b."""
+        if is_zero(a):
+            return b
+        if is_zero(b):
+            return a
+        first, second = sorted((self.node(a).index, self.node(b).index))
+        return self._record(ADD, first, second)
+
+    def subtract(self, a: Expression, b: Expression) -> Expression:
+        """The difference a − b."""
+        if is_zero(b):
+            return a
+        if is_zero(a):
+            return self.multiply(b, -1)
+        return self._record(SUBTRACT, self.node(a).index, self.node(b).index)
+
+    def multiply(self, a: Expression, b: Expression) -> Expression:
+        """The product a b."""
+        if not isinstance(a, Node):
+            a, b = b, a
+        if isinstance(b, Node):
+            return self._record(MULTIPLY, *sorted((a.index, b.index)))
+        if is_zero(b):
+            return 0
+        inner = self.instructions[a.index]
+        if inner.kind == SCALE:
+            a, b = Node(self, inner.a), inner.constant * b
+        return a if b == 1 else self._record(SCALE, a.index, constant=_number(b))
+
+    def sincos(self, a: Node) -> tuple[Node, Node]:
+        """Sine and cosine of a node."""
+        known = self._known.get((SINE, a.index))
+        if known is not None:
+            return known, Node(self, known.index + 1)
+        sine = self._record(SINE, a.index, len(self.instructions) + 1)
+        self._known[SINE, a.index] = sine
+        return sine, self._record(COSINE, a.index, sine.index)
+
+    def gain(self, cosine: Node, order: int = 0) -> Node:
+        """A derivative of g(w) = 2 arccos(w)/√(1 − w²), analytic for w > −1 (`ccpin.validated.model.ball_joints`)."""
+        return self._record(GAIN, cosine.index, order)
+
+    def solve(self, matrix: Any, right: Any) -> Any:
+        """A⁻¹B for A of shape (m, m): an array of nodes of B's shape (m, k)."""
+        if not len(matrix):
+            return np.zeros(np.shape(right), dtype=object)
+        head = self._record(SOLVE, b=LinearSystem(self._numbers(matrix), self._numbers(right)))
+        parts = [self._record(PART, head.index, place) for place in range(np.size(right))]
+        return np.array(parts, dtype=object).reshape(np.shape(right))
+
+    def derivative(self, expressions: Sequence[Expression], direction: dict[int, Expression]) -> list[Expression]:
+        """The derivative of expressions along a direction of the inputs, by input number.
+
+        Results of linear solves are held fixed, and so are the entries of the direction.
+        """
+        slopes: dict[int, Expression] = {}
+        for number in sorted(self._ancestors([e.index for e in expressions if isinstance(e, Node)], {SOLVE, PART})):
+            slopes[number] = self._slope(self.instructions[number], slopes, direction)
+        return [slopes[e.index] if isinstance(e, Node) else 0 for e in expressions]
+
+    def program(self, outputs: Sequence[Expression], also: Sequence[Expression] = ()) -> Program:
+        """The instructions that outputs need, and those of values that are `also` to exist; constants as balls now."""
+        numbers = tuple(self.node(output).index for output in outputs)
+        needed = self._ancestors([*numbers, *(self.node(value).index for value in also)], set())
+        kept = tuple(
+            item if item.constant is None else item._replace(constant=ball(item.constant))
+            for item in self.instructions
+            if item.target in needed and item.kind != INPUT
+        )
+        return Program(len(self.instructions), len(self.inputs), kept, numbers)
+
+    def _ancestors(self, stack: list[int], opaque: set[int]) -> set[int]:
+        """What values depend on, themselves included, not looking behind instructions of opaque kinds."""
+        found = set[int]()
+        while stack:
+            number = stack.pop()
+            if number not in found:
+                found.add(number)
+                item = self.instructions[number]
+                stack.extend(() if item.kind in opaque else _operands(item))
+        return found
+
+    def _slope(self, item: Instruction, slopes: dict[int, Expression], direction: dict[int, Expression]) -> Expression:
+        def of(number: int) -> Node:
+            return Node(self, number)
+
+        if item.kind == INPUT:
+            return direction.get(item.target, 0)
+        if item.kind in (CONSTANT, SOLVE, PART):
+            return 0
+        if item.kind == ADD:
+            return slopes[item.a] + slopes[item.b]
+        if item.kind == SUBTRACT:
+            return slopes[item.a] - slopes[item.b]
+        if item.kind == MULTIPLY:
+            return slopes[item.a] * of(item.b) + slopes[item.b] * of(item.a)
+        if item.kind == SCALE:
+            return slopes[item.a] * item.constant
+        if item.kind == GAIN:
+            return slopes[item.a] * self.gain(of(item.a), item.b + 1)
+        if item.kind == SINE:
+            return slopes[item.a] * of(item.b)
+        return slopes[item.a] * of(item.b) * -1
+
+    def _numbers(self, table: Sequence[Sequence[Expression]]) -> tuple[tuple[int, ...], ...]:
+        return tuple(tuple(self.node(entry).index for entry in row) for row in table)
+
+    def _record(self, kind: int, a: Any = None, b: Any = None, constant: Any = None) -> Node:
+        key = (kind, a, b, constant)
+        shareable = kind not in (SINE, COSINE, INPUT) and not isinstance(constant, flint().arb)
+        if shareable and key in self._known:
+            return self._known[key]
+        node = Node(self, len(self.instructions))
+        self.instructions.append(Instruction(kind, node.index, a, b, constant))
+        if shareable:
+            self._known[key] = node
+        return node
+
+
+def is_zero(value: Expression) -> bool:
+    """Whether an expression is the constant 0, exactly."""
+    return not isinstance(value, Node) and bool(value == 0)
+
+
+def _number(value: Any) -> Any:
+    return flint().fmpq(value) if isinstance(value, int) else value
+
+
+def _operands(item: Instruction) -> list[int]:
+    if item.kind in (INPUT, CONSTANT):
+        return []
+    if item.kind == SOLVE:
+        return [number for table in item.b for row in table for number in row]
+    if item.kind in (SCALE, PART, GAIN):
+        return [item.a]
+    return [item.a, item.b]

@@ -1,0 +1,1 @@
+"""The closed loop of a mechanism and its law, recorded as programs with exact constants."""

@@ -1,0 +1,196 @@
+"""The closed loop as an explicit analytic differential equation (x, q̇)′ = f(x, q̇), on a tape.
+
+    ẋ = Γ(x) ρ(x) q̇ (13),    d/dt q̇ = D⁻¹(τ − ρᵀ(D′b + C′q̇′ + B′q̇′ + g′)) (22),
+    b = ρ̇q̇ = −ψ_q′⁻¹[φ̇_q′ q̇′; α̇_q′ q̇′] (35),
+
+with x the numbers that hold q′ (`ccpin.validated.model.recorded_coordinates`; ẋ = Γ q̇′), τ the law's generalized force,
+B′ the joints' dampers, springs in g′ and no dry friction. What is invariant along it, and what becomes of redundant
+rows of φ, is in `ccpin/proof/theorems/enclosure.md`: where φ has more rows than its rank m, ψ_q′ is of m rows that are
+independent at the start, and `Enclosure.left_open` bounds the others along the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import qr
+
+from ccpin.arrays import Array
+from ccpin.control.laws import ControlLaw, stated
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.kinematics.tree import Tree
+from ccpin.proof.digests import Part, require_same
+from ccpin.validated.arithmetic.balls import Ball, ball, flint, rational
+from ccpin.validated.arithmetic.tape import Expression, Program, Tape
+from ccpin.validated.model.ball_joints import BallAngle, BallTurn, ball_at, turn_rates, turn_rows, turns_of, upright
+from ccpin.validated.model.recorded_coordinates import layout_of, numbers_of
+from ccpin.validated.model.recorded_forces import closure_terms, dynamic_terms, with_springs
+from ccpin.validated.model.recorded_laws import (
+    HALF_A_TURN,
+    Wrapped,
+    efforts,
+    gains_of,
+    law_terms,
+    require_sampled,
+    transmission,
+)
+from ccpin.validated.model.recorded_tree import ExactJoint, Table, closure_rows, exact, exact_joints, poses, rates
+
+
+class ClosedLoop(NamedTuple):
+    """A mechanism under a law as programs over (x, q̇).
+
+    Attributes:
+        n_x, n: Sizes of x and q̇.
+        joints: The joints, with their places in x.
+        near: The numbers that angles on circles are counted from, of shape (n_x,).
+        independent: Places of q in x.
+        dependent: The other places, in order: y.
+        scalar: Whether q̇ is the rate of the numbers at `independent`, one each.
+        wrapped: Angles of q that the law reads on circles.
+        turns: Single turns of balls among q; their numbers come after the joints'.
+        upright: Balls whose rotation vectors enter, as coordinates or by springs: less than half a turn.
+        field: f, of n_x + n outputs.
+        closure: φ(x), |p|² − 1 for the quaternions in y and what holds `turns`: as many outputs as y has numbers.
+        jacobian: A square matrix, row-major, whose determinant is ± that of ψ_q′.
+        left_out: The redundant rows of φ, or ``None``.
+        drift: (ẋ, 0): the mechanism moved with q̇ constant.
+        energies: Kinetic energy and potential energy, in joules.
+        lyapunov: 𝒱 + V(q_d) of Theorem 3 for PD with simple gravity compensation, else ``None``.
+        efforts: u(q′, q̇) of a law that is sampled and held, else ``None``. The state is then (x, q̇, u) with u′ = 0,
+            and `field` and `drift` have as many outputs.
+        gains: ∂u/∂(q, q̇) of that law, of shape (n, 2n), where the motors sit on the independent joints.
+    """
+
+    n_x: int
+    n: int
+    joints: tuple[ExactJoint, ...]
+    near: Array
+    independent: tuple[int, ...]
+    dependent: tuple[int, ...]
+    scalar: bool
+    wrapped: tuple[Wrapped, ...]
+    turns: tuple[BallAngle, ...]
+    upright: tuple[BallTurn, ...]
+    field: Program
+    closure: Program
+    jacobian: Program
+    left_out: Program | None
+    drift: Program
+    energies: Program
+    lyapunov: Program | None
+    efforts: Program | None = None
+    gains: Array | None = None
+
+    def numbers(self, q_free: Array) -> Array:
+        """The numbers x of a configuration of shape (nq,), rounded; angles within half a turn of those `near`."""
+        return numbers_of(self.joints, q_free, self.near, self.turns)
+
+    def at_rest(self, box: Sequence[Ball]) -> list[Ball]:
+        """The configurations of a box of states, or of configurations, at rest: inputs of the programs."""
+        return [*box[: self.n_x], *[ball(0)] * (self.field.inputs - self.n_x)]
+
+
+def recorded_loop(
+    model: ReducedModel, law: ControlLaw | None, near: Array | None = None, *, held: bool = False
+) -> ClosedLoop:
+    """Record a mechanism and its law at the current precision.
+
+    Args:
+        model: The reduced model.
+        law: The law.
+        near: A configuration of shape (nq,) about which the motion is, default the reference: where the rows of φ are
+            chosen, and what angles on circles are counted from.
+        held: With efforts held from sample to sample.
+
+    Raises:
+        UnsupportedMechanismError: The law is another than none and the two PD laws.
+        DifferentSubjectsError: The law is of other closures than the model; one that computes g(q) itself, of other
+            masses, springs or gravity. The constants of law (28) may be a nominal model's: it is then that law that is
+            enclosed, on this plant.
+    """
+    told = stated(law)
+    if told is not None and told.model is not None:
+        parts: tuple[Part, ...] = ("closures",) if told.kind == "pd" else ("closures", "dynamics")
+        require_same("an enclosure", told.model.digests, model.digests, *parts)
+    mechanism, constraints = model.mechanism, model.parametrization.constraints
+    near = mechanism.q_reference if near is None else near
+    joints = exact_joints(mechanism.tree)
+    q, about = layout_of(model.coordinates, joints), numbers_of(joints, near)
+    turns = turns_of(model.coordinates, joints, about)
+    about = numbers_of(joints, near, None, turns)
+    n_x, n = len(about), model.n
+    if held:
+        require_sampled(law)
+    tape = Tape(n_x + n + (model.n_actuated if held else 0))
+    x, v, u = np.split(np.array(tape.inputs, dtype=object), [n_x, n_x + n])
+    rows = closure_rows(tape, constraints, joints, x, about)
+    kept, others = _independent_rows(model, near)
+    phi = [rows[k] for k in kept]
+    table = np.vstack([rates(tape, joints, x), turn_rates(tape, turns, x, mechanism.n_free)])
+    motion = closure_terms(tape, phi, (x, v), table, q)
+    frames = poses(tape, joints, x)
+    terms = dynamic_terms(mechanism.tree, joints, frames, motion, (x, v), exact(model.gravity_vector))
+    sprung = _sprung(joints, mechanism.tree, about)
+    terms = with_springs(tape, terms, mechanism.tree, sprung, x, motion.rho)
+    does = law_terms(law, q, x, v, terms, about)
+    across = transmission(model, motion.rho)
+    wanted = efforts(tape, across, does.force) if told is not None and not told.idle else []
+    force = does.force if not held else u if across is None else across @ u
+    acceleration = tape.solve(terms.mass, (force - terms.bias)[:, None])[:, 0]
+    still = [0] * len(u)
+    dependent = tuple(k for k in range(n_x) if k not in q.places)
+    return ClosedLoop(
+        n_x,
+        n,
+        joints,
+        about,
+        q.places,
+        dependent,
+        q.scalar,
+        does.wrapped,
+        turns,
+        (*(turn.ball for turn in turns), *(each for each in sprung if isinstance(each, BallTurn))),
+        field=tape.program([*motion.x_rate, *acceleration, *still], () if held else wanted),
+        closure=tape.program([*phi, *_unit_lengths(joints, x, dependent), *turn_rows(tape, turns, x)]),
+        jacobian=tape.program(motion.jacobian.ravel()),
+        left_out=tape.program([rows[k] for k in others]) if others else None,
+        drift=tape.program([*motion.x_rate, *[0] * n, *still]),
+        energies=tape.program([terms.kinetic, terms.potential]),
+        lyapunov=None if does.lyapunov is None else tape.program([does.lyapunov]),
+        efforts=tape.program(list(wanted)) if held else None,
+        gains=gains_of(law) if across is None and held else None,
+    )
+
+
+def too_far_turned(loop: ClosedLoop, box: Sequence[Ball]) -> str:
+    """What is not proven of the angles that the programs count within half a turn, on a box of states, or nothing."""
+    near = (abs(angle.target - box[angle.place]) < flint().arb.pi() for angle in loop.wrapped)
+    return "" if all(near) and all(upright(turned, box) for turned in loop.upright) else HALF_A_TURN
+
+
+def _independent_rows(model: ReducedModel, near: Array) -> tuple[list[int], list[int]]:
+    """Rows of φ that are independent at a configuration, as many as its rank, and the others; all where none is."""
+    constraints, rank = model.parametrization.constraints, model.mechanism.n_free - model.n
+    if constraints.size == rank:
+        return list(range(rank)), []
+    order = qr(constraints.value(near).jacobian.T, mode="r", pivoting=True)[1].tolist()
+    return sorted(order[:rank]), sorted(order[rank:])
+
+
+def _sprung(joints: Sequence[ExactJoint], tree: Tree, near: Array) -> list[ExactJoint | BallTurn]:
+    """The joints with springs; of balls their turn from no rotation."""
+    stiff = (joint for joint in joints if tree.joints[joint.number - 1].stated.stiffness)
+    return [ball_at(joint, np.array([0.0, 0.0, 0.0, 1.0]), near) if joint.kind.unit else joint for joint in stiff]
+
+
+def _unit_lengths(joints: tuple[ExactJoint, ...], x: Table, dependent: tuple[int, ...]) -> list[Expression]:
+    """½(|p|² − 1) of the quaternions p among the dependent numbers."""
+    found = list[Expression]()
+    for joint in joints:
+        if joint.kind.unit == 4 and joint.x.stop - 1 in dependent:
+            p = x[joint.x][-4:]
+            found.append(rational(0.5) * (p @ p) - rational(0.5))
+    return found

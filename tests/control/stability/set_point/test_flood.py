@@ -1,0 +1,51 @@
+"""The flood's boundary: what it proves stays below U wherever two members do not carry the same σ."""
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin.control import Budget, PDSimpleGravity
+from ccpin.control.stability.set_point.certified_cells import CellStore
+from ccpin.control.stability.set_point.flood import Flood, connected
+from ccpin.control.stability.set_point.starting_cells import cells_around
+from tests.support.paper import GOAL, K_P, K_V
+
+
+@pytest.fixture
+def torn(monkeypatch):
+    """Members never agree with one another but with the one they were proved from; the faces (member, other, face)."""
+    faces = []
+
+    def told(self, number, others):
+        found = [self.face(number, other) for other in others]
+        faces.extend((number, other, face) for other, face in zip(others, found, strict=True) if face is not None)
+        return [False] * len(others)
+
+    monkeypatch.setattr(CellStore, "agree", told)
+    return faces
+
+
+@pytest.fixture
+def flooded(torn):
+    """The store, and what a flood found in it."""
+    law = PDSimpleGravity(ccpin.ReducedModel(ccpin.load("rpdr")), GOAL, 4.0 * np.asarray(K_P), K_V)
+    budget = Budget(12, 300)
+    store = cells_around(law, 44.0, budget)
+    return store, Flood(store, lambda well: True, budget, lambda flooded: True).run(GOAL)
+
+
+def test_a_face_where_members_disagree_stays_boundary_when_one_is_halved(torn, flooded):
+    """The level is at most U's least value on every face between members that carry different σ."""
+    store, found = flooded
+    assert any(not store[number].live for number, *_ in torn)
+    least = min(store.well(number).range_over(face.lower, face.upper).upper for number, _, face in torn)
+    assert 0.0 < found.level <= least
+
+
+def test_no_chain_of_cells_leads_across_a_face_where_members_disagree(torn, flooded):
+    """The cells that hold 𝒬 are reached from the set point's over faces at which σ was shown to be one."""
+    store, found = flooded
+    assert connected(store, found, GOAL)
+    for number, other, _ in torn:
+        assert other not in store[number].neighbours
+        assert number not in store[other].neighbours

@@ -1,0 +1,120 @@
+"""Bounds of the reduced model off the closed configurations: against States there, and members of the sets."""
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin.control.stability.tracking.masses import masses_of
+from ccpin.control.stability.tracking.motion_bounds import Motion, Reduced
+from ccpin.domain.closures.system import reading_of
+from ccpin.dynamics.state import State
+from ccpin.errors import UnsupportedMechanismError
+from ccpin.proof.balls import Affine, affine
+from tests.oracles.finite_differences import derivative
+from tests.support.ball_joint import ball_joint
+
+NAMES = ("rpdr", "delta", "slider_crank", "four_bar", "hexa", "sprung")
+
+
+def _model(name):
+    """A model of the zoo; the four-bar again with springs, dampers and rotors, on the moon."""
+    if name != "sprung":
+        return ccpin.ReducedModel(ccpin.load(name))
+    stated = {"stiffness": 0.7, "spring_reference": 2.0, "damping": 0.3, "armature": 0.01}
+    joints = {"crank": stated, "rocker": stated, "coupler": stated}
+    return ccpin.ReducedModel(ccpin.load("four_bar", joints=joints), gravity=(0.3, 0.1, -1.62))
+
+
+class Case:
+    """A model at an open configuration near its reference, and a random motion."""
+
+    def __init__(self, name, seed=0):
+        rng = np.random.default_rng(seed)
+        self.model = _model(name)
+        mechanism = self.model.mechanism
+        self.reading = reading_of(mechanism, mechanism.q_reference)
+        self.system, self.problem = self.reading.system, self.reading.problem
+        self.masses = masses_of(mechanism, self.reading, self.model.gravity_vector)
+        self.theta = self.reading.theta(mechanism.q_reference)
+        self.theta[self.system.dependent] += 0.02 * rng.normal(size=self.system.m)
+        self.v, self.w, self.a = rng.normal(size=(3, self.model.n))
+
+    def state(self, theta):
+        """ccpin's own State at a θ that is not closed."""
+        q_free = self.reading.configuration(theta)
+        return State.of(self.model, self.model.alpha(q_free), self.model.parametrization.at(q_free))
+
+    def tau(self, theta, v, w, a):
+        """D a + C(v) w + damping w + g of that State."""
+        state = self.state(theta)
+        return state.D @ a + (state.C(v) + state.damping) @ w + state.g
+
+    def slope(self, theta, v, w, a):
+        """Its derivative by the dependent coordinates, by differences."""
+        steps = np.eye(len(theta))[self.system.dependent]
+        return np.array([derivative(lambda s, d=d: self.tau(theta + s * d, v, w, a)) for d in steps]).T
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_at_one_configuration_they_are_the_model(name):
+    """D, C and damping of a State off the closed set, and the differences of its τ: also where v, w and a are apart."""
+    case = Case(name)
+    state, at = case.state(case.theta), Reduced(case.problem, case.masses, affine(case.theta[None]))
+    pairs = [
+        (at.inertia, state.D),
+        (at.coriolis(affine(case.v[None])), state.C(case.v)),
+        (at.damping, state.damping),
+        (at.rho, case.state(case.theta).rho),
+    ]
+    for found, expected in pairs:
+        scale = np.abs(expected).max()
+        np.testing.assert_allclose(found.mid[0], expected, rtol=0, atol=1e-12 * (1.0 + scale))
+        assert found.rad.max() < 1e-9 * (1.0 + scale)
+    slope = at.force_slope(Motion(*(affine(x[None]) for x in (case.v, case.w, case.a))))
+    expected = case.slope(case.theta, case.v, case.w, case.a)
+    np.testing.assert_allclose(slope.mid[0], expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_over_sets_they_hold_their_members(name):
+    """Random members of θ and of the motion, corners among them, that share their parameters."""
+    case, rng, size = Case(name), np.random.default_rng(3), 2e-3
+    n, n_free = case.model.n, case.system.n_free
+    names = ("v", "w", "a")
+    forms = {"theta": Affine(case.theta[None], size * rng.normal(size=(3, 1, n_free)), np.full((1, n_free), 1e-4), 1)}
+    for key in names:
+        forms[key] = Affine(getattr(case, key)[None], 0.05 * rng.normal(size=(3, 1, n)), np.full((1, n), 0.01), 1)
+    at = Reduced(case.problem, case.masses, forms["theta"])
+    slope, C = at.force_slope(Motion(*(forms[key] for key in names))), at.coriolis(forms["v"])
+    assert np.isfinite(slope.rad).all()
+    for _ in range(12):
+        point = np.append(rng.choice([-1.0, 1.0]), np.array([0.6, -0.8]) * rng.choice([-1.0, 1.0], 2))
+        some = {
+            key: form.mid[0] + point @ form.lin[:, 0] + rng.choice([-1.0, 1.0], form.rad[0].shape) * form.rad[0]
+            for key, form in forms.items()
+        }
+        state = case.state(some["theta"])
+        expected = case.slope(some["theta"], some["v"], some["w"], some["a"])
+        for found, value, noise in (
+            (at.inertia, state.D, 1e-12),
+            (C, state.C(some["v"]), 1e-12),
+            (slope, expected, 1e-6 * np.abs(expected).max()),
+        ):
+            left = np.abs(value - found.mid[0] - np.tensordot(point, found.lin[:, 0], axes=1))
+            assert np.all(left <= found.rad[0] + noise)
+
+
+def test_a_set_with_a_singular_configuration_is_not_bounded():
+    """The RPDR's set of all elbow angles has singular ones: NaN, never a number."""
+    case = Case("rpdr")
+    wide = Affine(case.theta[None], np.zeros((0, 1, 4)), np.full((1, 4), 2.0))
+    assert not Reduced(case.problem, case.masses, wide).grip.regular.any()
+    assert np.isnan(Reduced(case.problem, case.masses, wide).inertia.rad).all()
+
+
+def test_joints_of_several_freedoms_are_refused():
+    """A ball joint's error has no size without a chart."""
+    model = ball_joint()
+    case = Case("rpdr")
+    with pytest.raises(UnsupportedMechanismError, match="several freedoms"):
+        masses_of(model.mechanism, case.reading, model.gravity_vector)

@@ -1,0 +1,103 @@
+"""What a trajectory says without being asked: who stepped it, why not the core, and which limits it passed."""
+
+import json
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin import control, native
+from ccpin.cli import main
+from ccpin.errors import SlowRunWarning
+from ccpin.native import core_of
+from ccpin.simulation import Event, load_npz
+from tests.support.places import MODELS
+
+START, GOAL = np.radians((-118.0, -62.0)), np.radians((-108.0, -72.0))
+built = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
+
+
+@pytest.fixture(scope="module")
+def law(rpdr_model):
+    return control.PDSimpleGravity(rpdr_model, GOAL, 11.0, 0.6)
+
+
+@pytest.fixture
+def limited(tmp_path):
+    """The RPDR with an end of joint1's range on the way."""
+    text = (MODELS / "rpdr.urdf").read_text(encoding="utf-8")
+    full = 'lower="-6.283185307179586" upper="6.283185307179586"'
+    file = tmp_path / "limited.urdf"
+    file.write_text(text.replace(full, 'lower="-2.2" upper="-1.95"', 1), encoding="utf-8")
+    return ccpin.ReducedModel(ccpin.load(file, reference={"joint1": -2.0, "joint2": -1.2}))
+
+
+@built
+def test_who_stepped_it(rpdr_model, law):
+    """The core where it can; else what it does not step is named."""
+    named = type("Named", (control.PDSimpleGravity,), {})(rpdr_model, GOAL, 11.0, 0.6)
+    half = {"torque_at": lambda self, t, state, v: 0.5 * control.PDSimpleGravity.torque_at(self, t, state, v)}
+    own = type("MyLaw", (control.PDSimpleGravity,), half)(rpdr_model, GOAL, 11.0, 0.6)
+    watch = Event(lambda t, state, v: state.q[0], "there")
+    for controller, options, said in (
+        (law, {}, "stepped by the compiled core"),
+        (None, {}, "stepped by the compiled core"),
+        (lambda t, q, v: np.zeros(2), {}, "the core does not know TorqueFunction"),
+        (named, {}, "stepped by the compiled core"),  # it does what its class above says
+        (own, {}, "the core does not know MyLaw"),
+        (law, {"method": "Radau"}, "not Radau"),
+        (law, {"events": [watch]}, "events"),
+        (law, {"friction": {"joint1": (0.1, 0.0)}}, "friction"),
+    ):
+        notes = ccpin.simulate(rpdr_model, controller, START, duration=0.02, **options).notes
+        assert said in notes[0], notes
+    assert rpdr_model.backend.name == "native"
+
+
+@built
+def test_why_a_model_is_not_in_the_core(rpdr, monkeypatch):
+    """What the core declines is told by the model and by its motions."""
+
+    def refuse(*_):
+        raise ValueError("a joint that the core has not")
+
+    monkeypatch.setattr(native, "specification", refuse)
+    monkeypatch.setattr(native, "_MADE", {})
+    model = ccpin.ReducedModel(rpdr)
+    assert model.backend == ("numpy", "the compiled core has no such mechanism: a joint that the core has not")
+    monkeypatch.setattr("ccpin.simulation.integration.notes._LONG", 0.0)
+    with pytest.warns(SlowRunWarning, match="a joint that the core has not"):
+        motion = ccpin.simulate(model, None, START, duration=0.01)
+    assert "a joint that the core has not" in motion.notes[0]
+
+
+@built
+def test_kernels_of_many_gravities_are_not_all_kept(rpdr):
+    """Each was kept for as long as its mechanism."""
+    first = core_of(rpdr)
+    for k in range(50):
+        core_of(rpdr, np.array([0.0, 0.0, float(k)]))
+    assert len(native._MADE[rpdr]) < 10
+    assert type(core_of(rpdr)) is type(first)
+
+
+def test_limits_passed_are_noted(limited, tmp_path):
+    """By default; the note is kept in files and in motions that go on."""
+    motion = ccpin.simulate(limited, control.PDSimpleGravity(limited, GOAL, 11.0, 0.6), START, duration=0.3)
+    told = [note for note in motion.notes if "beyond its limit" in note]
+    assert told == ["joint1 is beyond its limit of position, -1.95; `simulation.exceeded` tells more"]
+    assert motion.q[:, 0].max() > -1.95
+    motion.save(tmp_path / "a.npz")
+    assert load_npz(tmp_path / "a.npz").notes == motion.notes
+    assert motion.then(motion).notes == motion.notes
+    within = ccpin.simulate(limited, None, START, duration=1e-3)
+    assert not [note for note in within.notes if "limit" in note]
+
+
+def test_the_command_line_says_them(tmp_path, capsys):
+    """In words and in JSON."""
+    arguments = ["simulate", "rpdr", "--goal-deg", "-108", "-72", "--start-deg", "-118", "-62", "--duration", "0.02"]
+    main([*arguments, "--method", "Radau"])
+    assert "note: stepped in Python" in capsys.readouterr().out
+    main([*arguments, "--json"])
+    assert "stepped" in json.loads(capsys.readouterr().out)["notes"][0]

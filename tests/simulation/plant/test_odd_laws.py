@@ -1,0 +1,200 @@
+"""Laws of users' own that do what they should not: what they are given cannot be written to, what they return is read.
+
+``CCPIN_LAWS=1000 pytest -m slow tests/simulation/plant/test_odd_laws.py`` takes as many of them.
+"""
+
+import os
+import time
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin import control
+from ccpin.control import Reference, Sampling
+from ccpin.errors import CcpinError
+from ccpin.simulation import Event, Push
+from ccpin.simulation.plant.disturbances import Disturbance
+
+LAWS = int(os.environ.get("CCPIN_LAWS", "1000"))
+START, GOAL = np.radians((-118.0, -62.0)), np.radians((-108.0, -72.0))
+OPTIONS = {"duration": 0.03, "sample_period": 0.005, "max_step": 0.005}
+
+
+def honest(t, q, v):
+    """What all of them mean."""
+    return 20.0 * (GOAL - q) - 2.0 * v
+
+
+def written(array, how, number):
+    """Try to write into an array, by whatever way there is."""
+    if how == "items":
+        array[:] = number
+    elif how == "in place":
+        array *= number
+    elif how == "flag":
+        array.flags.writeable = True
+        array[0] = number
+    elif how == "base":
+        array.base[:] = number
+    else:
+        np.copyto(array, number)
+
+
+WHAT = ("write", "write", "write all", "shape", "nothing", "NaN", "text", "raise", "late", "again")
+
+
+class Odd:
+    """A random law: what it does when it is asked for the `moment`-th time, and before and after `honest`."""
+
+    def __init__(self, seed):
+        rng = np.random.default_rng(seed)
+        self.what = str(rng.choice(WHAT))
+        self.how = str(rng.choice(["items", "in place", "flag", "base", "copyto"]))
+        self.which, self.moment, self.asked = int(rng.integers(2)), int(rng.integers(30)), 0
+        self.number, self.kept = float(rng.normal()), np.zeros(2)
+
+    def __call__(self, t, q, v):
+        self.asked += 1
+        due, u = self.asked > self.moment, honest(t, q, v)
+        if self.what == "again":  # one array for all that it returns
+            self.kept[:] = u
+            return self.kept
+        if not due:
+            return u
+        if self.what == "write":
+            written((q, v)[self.which], self.how, self.number)
+        elif self.what == "write all":
+            for array in (q, v):
+                with suppress(ValueError, TypeError, AttributeError):
+                    written(array, self.how, self.number)
+        elif self.what == "raise":
+            raise RuntimeError("of its own")
+        elif self.what == "late" and self.asked == self.moment + 1:
+            time.sleep(0.02)
+        wrong = {"shape": np.zeros(3), "nothing": None, "NaN": u * np.nan, "text": "u"}
+        return wrong.get(self.what, u)
+
+
+def motion_of(model, odd, **options):
+    """The motion, or ``None`` where the law failed before the first sample, which raises what it raised."""
+    try:
+        return ccpin.simulate(model, odd, START, **OPTIONS, **options)
+    except (CcpinError, RuntimeError, ValueError, TypeError, AttributeError):
+        return None
+
+
+def check(model, seed, wanted):
+    """The motion of the honest law, or one that says it failed, and is right as far as it goes."""
+    odd = Odd(seed)
+    sampled = bool(seed % 2)
+    found = motion_of(model, odd, sampling=Sampling(period=0.002) if sampled else None)
+    if found is None:
+        assert odd.asked == odd.moment + 1 <= 8  # what it takes to the first sample
+        return odd.what
+    right = wanted[sampled]
+    count = len(found.t) if found.status == "finished" else len(found.t) - 1
+    np.testing.assert_allclose(found.q[:count], right.q[:count], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.u[:count], right.u[:count], rtol=0, atol=1e-6)
+    if found.status != "finished":
+        assert found.status == "failed"
+        assert found.cause is not None
+    assert found.status == "failed" or odd.what in ("write", "write all", "late", "again") or odd.asked <= odd.moment
+    return odd.what
+
+
+@pytest.fixture(scope="module")
+def wanted(rpdr_model):
+    run = {
+        sampled: ccpin.simulate(rpdr_model, honest, START, sampling=sampling, **OPTIONS)
+        for sampled, sampling in ((False, None), (True, Sampling(period=0.002)))
+    }
+    return run
+
+
+def test_odd_laws_are_right_or_refused(rpdr_model, wanted):
+    """A few of them."""
+    assert len({check(rpdr_model, seed, wanted) for seed in range(60)}) == 9
+
+
+@pytest.mark.slow
+def test_many_odd_laws(rpdr_model, wanted):
+    """Many."""
+    for seed in range(LAWS):
+        check(rpdr_model, seed, wanted)
+
+
+def test_whatever_else_is_called_can_only_read(rpdr_model):
+    """References, wrenches, pushes, events, regions: each tries to write into what it is given, and each is told."""
+    tried = []
+
+    def spoil(*arrays):
+        for array in arrays:
+            for how in ("items", "in place", "copyto"):
+                with pytest.raises(ValueError, match="read-only"):
+                    written(array, how, 9.0)
+            tried.append(1)
+
+    def at_state(t, state, v):
+        spoil(state.q, state.q_free, state.rho, state.D, state.g, v)
+
+    def wrenches(t, state, v):
+        at_state(t, state, v)
+        return None
+
+    def event(t, state, v):
+        at_state(t, state, v)
+        return 1.0
+
+    def region(q):
+        spoil(q)
+        return True
+
+    class Own(control.ControlLaw):
+        def torque(self, t, q, v, guess=None):
+            spoil(q, v, guess)
+            return honest(t, q, v)
+
+    plain = ccpin.simulate(rpdr_model, honest, START, **OPTIONS)
+    for law in (Own(), honest):
+        for options in (
+            {"wrenches": wrenches},
+            {"wrenches": Disturbance([Push(wrenches)])},
+            {"events": [Event(event, "never")]},
+            {"region": region},
+        ):
+            before = len(tried)
+            found = ccpin.simulate(rpdr_model, law, START, **OPTIONS, **options)
+            assert found.status == "finished", (found.message, options)
+            assert len(tried) > before
+            np.testing.assert_allclose(found.q, plain.q, rtol=0, atol=1e-9)
+
+
+class Spoilt(Reference):
+    """A reference that keeps the arrays it returned and writes into them when it is asked again."""
+
+    def __init__(self, model):
+        self.inner, self.given = control.PointToPoint(model, START, GOAL, 0.03), []
+
+    def at(self, t):
+        for state in self.given:
+            for array in state:
+                if array.flags.writeable:
+                    array[:] = 7.0
+        found = type(self.inner.at(t))(*(np.array(part) for part in self.inner.at(t)))
+        self.given = [found]
+        return found
+
+    def next_switch(self, t):
+        return self.inner.next_switch(t)
+
+
+def test_a_reference_that_writes_into_what_it_gave(rpdr_model):
+    """What a law made of it stays."""
+    motions = []
+    for reference in (Spoilt(rpdr_model), control.PointToPoint(rpdr_model, START, GOAL, 0.03)):
+        law = control.PDPlus(rpdr_model, reference, 30.0, 3.0)
+        motions.append(ccpin.simulate(rpdr_model, law, START, **OPTIONS))
+    np.testing.assert_allclose(motions[0].q, motions[1].q, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(motions[0].u, motions[1].u, rtol=0, atol=1e-6)
