@@ -94,6 +94,7 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
         ("cells", "documents"),
         ("faces", "merging", "runner"),
         ("pruning", "proposals"),
+        "claims",
     ),
     "proof": (
         ("theorems", "rounding", "digests", "verdict", "facts"),
