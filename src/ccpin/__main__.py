@@ -8,9 +8,10 @@ def run() -> int:
     """The command line; returns the exit code. What its own errors are told by is `ccpin.cli.main`."""
     try:
         from ccpin.cli import main
-    except KeyboardInterrupt:
+
+        code = main()
+    except KeyboardInterrupt:  # before there was a command, or after
         return 130
-    code = main()
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # all is done and written: Python's own end needs no traceback
     return code
 

@@ -134,14 +134,14 @@ def _cycles(
 
 
 def _write(out: Path, mechanism: Mechanism, trajectory: Trajectory, goals: Array, result: dict[str, Any]) -> None:
-    """The motion's data; its pictures too, unless whoever pressed Ctrl-C waits."""
-    trajectory.save(out / "motion.csv")
+    """The motion, as text and in pictures too unless whoever pressed Ctrl-C waits."""
     trajectory.save(out / "motion.npz")
     write_atomically(out / "metrics.json", "w", lambda file: json.dump(result, file, indent=2))
     if trajectory.status == "interrupted":
         return
     from ccpin import plotting, visualization
 
+    trajectory.save(out / "motion.csv")
     plotting.save(plotting.plot_motion(trajectory, mechanism, goals), out / "motion.png")
     ends = [trajectory.q_free[0], trajectory.q_free[-1]]
     plotting.save(plotting.plot_configurations(mechanism, ends, ["start", "end"]), out / "configurations.png")

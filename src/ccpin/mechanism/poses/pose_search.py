@@ -17,6 +17,7 @@ from ccpin.mechanism.poses.loop_closing import TOLERANCE, Attempt, close, close_
 _SEED = 20001
 _MOST_OUTSIDE = 8
 _TRIES = 8
+_ASSEMBLED = 12  # starts from which loops are assembled one by one: what closes so closes from one of the first
 _INSET = 0.01
 _NEARLY = 1e-2
 
@@ -158,7 +159,7 @@ def find_closed(
         if not left:
             break
         q_free, is_closed = close_from_afar(constraints, start, tolerance)
-        if not is_closed and not found and len(order) > 1:
+        if not is_closed and not found and len(order) > 1 and count + 3 + len(poses) - left < _ASSEMBLED:
             assembled = assemble(constraints, start, order, tolerance)
             q_free, is_closed = assembled if assembled.closed else (q_free, False)
         left -= 1

@@ -1,0 +1,21 @@
+"""The picture of the rooms says what the imports say."""
+
+import re
+
+from tests.support.house import PLACES, arrow_id, imports, needed
+from tests.support.imports import MODULES, room
+from tests.support.places import ROOT
+
+PICTURE = ROOT / "docs" / "house.svg"
+
+
+def test_every_room_stands_in_the_picture():
+    text = PICTURE.read_text(encoding="utf-8")
+    shown = {room(module) for module in MODULES} & {*PLACES}
+    assert len(shown) == len(PLACES) - 1  # the foundations are several files
+    assert [name for name in PLACES if f"<!-- {name} -->" not in text] == []
+
+
+def test_its_arrows_are_the_imports_that_follow_from_no_others():
+    drawn = set(re.findall(r'id="(\w+-on-\w+)"', PICTURE.read_text(encoding="utf-8")))
+    assert drawn == {arrow_id(above, below) for above, below in needed(imports())}
