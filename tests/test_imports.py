@@ -73,7 +73,7 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
         ("balls", "chains", "chords"),
         ("ranges", "bounds", "tips"),
         ("emptiness", "phasors", "taylor"),
-        "reach",
+        "reach_bounds",
         "equations",
         "newton",
         ("narrowing", "requirements", "solutions"),

@@ -19,8 +19,8 @@ from ccpin.domain.atlas import cover_claims
 from ccpin.proof.covers import over_region
 from ccpin.proof.demanded import Demanded
 from ccpin.proof.equations import Closures, closures_of
-from ccpin.proof.facts import Claim, Fact, NotProvedError, Unproved, known, provable, prove, prove_some
-from ccpin.proof.solutions import Glued, Met, Solutions
+from ccpin.proof.facts import Fact, NotProvedError, ProvableClaim, Unproved, known, provable, prove, prove_some
+from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes
 
 SEED = np.radians([-90.0, -90.0])
 REGION = (np.radians([-115.0, -115.0]), np.radians([-65.0, -65.0]))
@@ -51,7 +51,7 @@ def solutions_of(atlas):
 def parts_of(atlas):
     """The cover, its boxes and what glues them."""
     cover = atlas.proved.cover
-    boxes = tuple(fact for fact in cover.premises if type(fact.claim) is Solutions)
+    boxes = tuple(fact for fact in cover.premises if type(fact.claim) is SolutionsInBoxes)
     return cover, boxes, tuple(fact for fact in cover.premises if fact not in boxes)
 
 
@@ -86,7 +86,7 @@ def test_a_fact_has_no_constructor_no_kinds_and_no_assignment(atlas):
 def test_its_arrays_cannot_be_written_to(atlas):
     """Not even with the flag that says so, and the claim's arrays are none of the caller's."""
     mine = atlas.boxes.radius.copy()
-    claim = Solutions(solutions_of(atlas).equations, *atlas.boxes._replace(radius=mine))
+    claim = SolutionsInBoxes(solutions_of(atlas).equations, *atlas.boxes._replace(radius=mine))
     fact = prove(claim)
     mine[:] = 1.0
     assert np.array_equal(fact.claim.radius, atlas.boxes.radius)
@@ -110,7 +110,7 @@ def test_pickled_it_is_a_claim_until_it_is_replayed(atlas):
     assert np.array_equal(again.found["unglued"], cover.found["unglued"])
     assert again.digest == cover.digest
     assert over_region(again, None, False)
-    shared = [fact for fact in again.premises if type(fact.claim) is Solutions]
+    shared = [fact for fact in again.premises if type(fact.claim) is SolutionsInBoxes]
     assert all(fact.premises[-1] is shared[0] for fact in again.premises if fact not in shared)
     first = told.premises[0]
     bad = replace(first.claim, radius=0.5 * first.claim.radius)
@@ -202,7 +202,7 @@ def test_one_bad_row_is_left_out(atlas):
 def test_claims_and_equations_of_other_kinds(atlas):
     """A subclass of a claim, or of equations, is none that the kernel knows."""
 
-    class Generous(Solutions):
+    class Generous(SolutionsInBoxes):
         def examined(self, *premises):
             return super().examined(*premises)._replace(proved=np.ones(len(self.kappa), dtype=bool))
 
@@ -211,8 +211,8 @@ def test_claims_and_equations_of_other_kinds(atlas):
 
     claim = solutions_of(atlas)
     refused(lambda: Generous(claim.equations, *claim.boxes))
-    refused(lambda: Solutions(Easy(claim.equations.system), *claim.boxes))
-    refused(lambda: Claim(claim.equations))
+    refused(lambda: SolutionsInBoxes(Easy(claim.equations.system), *claim.boxes))
+    refused(lambda: ProvableClaim(claim.equations))
     refused(lambda: claim.equations)
     refused(lambda: atlas.solutions[0])
     refused(lambda: claim, atlas.solutions[0])
@@ -251,7 +251,7 @@ def test_circles_that_are_none():
 def test_gluing_needs_boxes_of_the_same_equations(atlas, crank):
     """Another robot's boxes, points, other facts and claims are no premises."""
     cover, boxes, glue = parts_of(atlas)
-    claim = next(fact.claim for fact in glue if type(fact.claim) is Glued)
+    claim = next(fact.claim for fact in glue if type(fact.claim) is GluedBoxes)
     points = next(fact for fact in glue if type(fact.claim) is Met).premises[0]
     others = parts_of(crank)[1]
     for premises in (others, (points,), (cover,), (claim,), (), (*boxes, points), (boxes[0].claim,), (glue[0],)):
@@ -278,7 +278,7 @@ GLUED = {
 def test_no_boxes_are_glued_by_other_numbers(atlas, name):
     """Gluing is at a point that is in both."""
     boxes, glue = parts_of(atlas)[1:]
-    claim = next(fact.claim for fact in glue if type(fact.claim) is Glued)
+    claim = next(fact.claim for fact in glue if type(fact.claim) is GluedBoxes)
     refused(
         lambda: replace(claim, **{key: alter(getattr(claim, key).copy()) for key, alter in GLUED[name].items()}), *boxes
     )
@@ -288,15 +288,15 @@ def test_other_branches_are_not_glued(rpdr):
     """Boxes over the same q in two assembly modes, by a ball and by points."""
     sheets = ccpin.domain.certify_sheets(rpdr, REGION, max_depth=3)
     equations = closures_of(sheets.problem)
-    fact = prove(Solutions(equations, *sheets.boxes))
+    fact = prove(SolutionsInBoxes(equations, *sheets.boxes))
     independent = sheets.problem.system.independent
     centre = fact.claim.centre[:, independent]
     pairs = [(i, j) for i in range(len(centre)) for j in range(i) if np.abs(centre[i] - centre[j]).max() < 1e-12]
     assert pairs
     first, second = np.array(pairs).T.astype(np.int64)
     at = np.zeros((len(first), 2))
-    assert not prove_some(Glued(equations, first, second, at, at), fact)[1].any()
-    points = prove(Solutions(equations, *certify_points(sheets.problem, fact.claim.centre[first]).boxes))
+    assert not prove_some(GluedBoxes(equations, first, second, at, at), fact)[1].any()
+    points = prove(SolutionsInBoxes(equations, *certify_points(sheets.problem, fact.claim.centre[first]).boxes))
     row = np.arange(len(first))
     assert not prove_some(Met(equations, first, second, at, at, row), points, fact)[1].any()
     assert prove_some(Met(equations, first, first, at, at, row), points, fact)[1].all()
@@ -361,7 +361,7 @@ def test_what_is_left_out_is_not_proved(atlas):
     ):
         assert not over_region(changed, None, False)
     twin = boxes[0].replay()
-    moved = next(fact for fact in glue if type(fact.claim) is Glued)
+    moved = next(fact for fact in glue if type(fact.claim) is GluedBoxes)
     started = glue[-1]
     elsewhere = prove(claim, *boxes, prove(moved.claim, twin), started)
     assert len(elsewhere.found["unglued"])
@@ -376,8 +376,10 @@ def test_a_circle_is_glued_where_it_closes(crank):
     cover, boxes, glue = parts_of(crank)
     claim = cover.claim
     assert claim.wrapped[0]
-    ends = [k for fact in glue if type(fact.claim) is Glued for k in np.flatnonzero(fact.found["turn"].any(axis=1))]
-    across = next((fact for fact in glue if type(fact.claim) is Glued), None)
+    ends = [
+        k for fact in glue if type(fact.claim) is GluedBoxes for k in np.flatnonzero(fact.found["turn"].any(axis=1))
+    ]
+    across = next((fact for fact in glue if type(fact.claim) is GluedBoxes), None)
     if ends:
         kept = np.setdiff1d(np.arange(len(across.claim.first)), ends)
         torn = prove(claim, *boxes, prove(across.claim.take(kept), *boxes), *(f for f in glue if f is not across))

@@ -15,7 +15,7 @@ from ccpin.proof.bounds import Frame, Image
 from ccpin.proof.chains import ChainStack
 from ccpin.proof.equations import Derivatives, Problem, third_bound
 from ccpin.proof.newton import Boxes, encloses, frame_of, holds, noise_of, without_turns
-from ccpin.proof.reach import Lengths, ReachDrift, chain_reach
+from ccpin.proof.reach_bounds import ChainLengths, ReachDrift, chain_reach
 from ccpin.proof.rounding import blur, widened
 from ccpin.proof.taylor import Pattern, Point, taylor_bounds
 from ccpin.proof.tips import by_joint, turns_of
@@ -78,7 +78,7 @@ def taylor(stack, theta, values, frame):
     point = Point(values.phi, values.jacobian, second, pattern, frame.rounding)
     turns, arms = turns_of(stack), np.transpose(values.arms, (2, 1, 0))
     gains = np.swapaxes(np.linalg.norm(frame.preconditioner[:, None] @ stack.weights, axis=3), 1, 2)
-    drift = ReachDrift(Lengths.of(stack, turns), gains, by_joint(turns, np.abs(theta)), arms, frame.rounding)
+    drift = ReachDrift(ChainLengths.of(stack, turns), gains, by_joint(turns, np.abs(theta)), arms, frame.rounding)
     return taylor_bounds(point, frame, drift)
 
 

@@ -12,7 +12,7 @@ from ccpin.covering.proposals.solving import newton
 from ccpin.proof.equations import Problem, closures_of
 from ccpin.proof.facts import Fact, prove_some
 from ccpin.proof.newton import Boxes, predict
-from ccpin.proof.solutions import Glued, Met, Solutions, boxes_of
+from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of
 
 _NEWTON = 12
 _WIDER = 1.05
@@ -35,13 +35,13 @@ class Seams(NamedTuple):
 
 def proved_boxes(problem: Problem, boxes: Boxes) -> tuple[Fact, Mask]:
     """The fact about those boxes that the kernel finds proved, and which they are."""
-    return prove_some(Solutions(closures_of(problem), *boxes))
+    return prove_some(SolutionsInBoxes(closures_of(problem), *boxes))
 
 
 def proved_glue(problem: Problem, seams: Seams, solutions: tuple[Fact, ...]) -> tuple[Fact, ...]:
     """The facts that boxes carry the same σ at common points; where a ball is too large a fresh point is enclosed."""
     equations = closures_of(problem)
-    fact, same = prove_some(Glued(equations, *seams), *solutions)
+    fact, same = prove_some(GluedBoxes(equations, *seams), *solutions)
     left = np.flatnonzero(~same)
     if not left.size:
         return (fact,)
@@ -61,5 +61,5 @@ def proved_points(problem: Problem, theta: Array) -> tuple[Fact, Indices]:
     rows = np.flatnonzero(found.proved)
     boxes = found.boxes.take(rows)
     wider = boxes._replace(radius=_WIDER * boxes.radius, kappa=0.5 * (1.0 + boxes.kappa))
-    fact, enclosed = prove_some(Solutions(closures_of(problem), *wider))
+    fact, enclosed = prove_some(SolutionsInBoxes(closures_of(problem), *wider))
     return fact, rows[enclosed]

@@ -5,7 +5,7 @@ f = Ãφ. L = |D|h and W = L + |E|R bound the moves of the joints. Wanted, compo
 
     Y ≥ |f(δ, 0)|,    Z(R) ≥ |I − f_ζ(δ, ζ)|,    Z̄(R) ≥ |I − ∫₀¹ f_ζ(δ, τζ) dτ|.
 
-**Taylor bounds** (any equations, `taylor`) take third derivatives from lengths for closures (`reach`).
+**Taylor bounds** (any equations, `taylor`) take third derivatives from lengths for closures (`reach_bounds`).
 
 **Planar bounds** (φ a sum of phasors z_j e^{iu_j}, u_j = (CD)_j δ + (CE)_j ζ the deviation of link j's angle, so that
 joint motions that cancel in a link cancel in the bound). With α = Ãz, κ = Ã(iz) and U_j ≥ |u_j|,

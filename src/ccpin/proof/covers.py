@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.arrays import Array, Indices, Mask, joined, rows_of
-from ccpin.proof.facts import Claim, Examined, Fact, Form, provable, require
+from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
 from ccpin.proof.newton import Boxes
 from ccpin.proof.rounding import LEAST, ROUNDINGS, UNIT_ROUNDOFF, product_of, sum_of
-from ccpin.proof.solutions import Glued, Met, Solutions, boxes_of
+from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of
 
 LEVELS = 32
 WHOLE = 1 << LEVELS
@@ -30,10 +30,10 @@ Integers = NDArray[np.int64]
 
 @provable
 @dataclass(frozen=True, eq=False)
-class Cover(Claim):
+class RegionCover(ProvableClaim):
     """Cells of a region that lie in boxes, and which of these share faces.
 
-    Premises: facts about boxes (`Solutions`), numbered through, then facts that glue them (`Glued`, `Met`).
+    Premises: facts about boxes (`SolutionsInBoxes`), numbered through, then facts that glue them (`GluedBoxes`, `Met`).
 
     Attributes:
         lower, upper: The region's corners, of shape (n,); bounds that are the same: a coordinate that is held.
@@ -70,8 +70,8 @@ class Cover(Claim):
 
     def examined(self, *premises: Fact) -> Examined:
         """The tree, its cells in their boxes, and its faces."""
-        solutions = tuple(premise for premise in premises if type(premise.claim) is Solutions)
-        glue = tuple(premise for premise in premises if type(premise.claim) in (Glued, Met))
+        solutions = tuple(premise for premise in premises if type(premise.claim) is SolutionsInBoxes)
+        glue = tuple(premise for premise in premises if type(premise.claim) in (GluedBoxes, Met))
         require(len(solutions) + len(glue) == len(premises), "premises of other kinds")
         boxes = boxes_of(solutions)
         require(self.lower <= self.upper, "a region with its corners exchanged")
@@ -102,7 +102,7 @@ class Cover(Claim):
             },
         )
 
-    def _require_within(self, tree: Tree, leaves: Indices, boxes: Boxes) -> None:
+    def _require_within(self, tree: HalvedTree, leaves: Indices, boxes: Boxes) -> None:
         """That the leaves' cells lie in their boxes as widened, q being the boxes' parameters."""
         number, independent = self.box[leaves], self.equations.system.independent
         n = len(independent)
@@ -146,16 +146,16 @@ def over_region(cover: Fact, demanded: Fact | None, asked: bool) -> bool:
     `asked`: and if more was asked of the boxes, a fact about the same boxes says that they meet it.
     """
     require([type(fact) is Fact for fact in (cover, *([] if demanded is None else [demanded]))], "no facts")
-    require(type(cover.claim) is Cover, "no fact about a region")
+    require(type(cover.claim) is RegionCover, "no fact about a region")
     if asked:
-        boxes = [id(fact) for fact in cover.premises if type(fact.claim) is Solutions]
+        boxes = [id(fact) for fact in cover.premises if type(fact.claim) is SolutionsInBoxes]
         if demanded is None or [id(fact) for fact in demanded.premises] != boxes:
             return False
     found = cover.found
     return bool(found["whole"][0] and not len(found["unglued"]) and len(found["seed"]) and found["reached"].all())
 
 
-class Tree(NamedTuple):
+class HalvedTree(NamedTuple):
     """Cells as their numbers say: corners and edges in units of 2⁻³² of the region, (T, n); those there are, (T,)."""
 
     lower: Integers
@@ -163,7 +163,7 @@ class Tree(NamedTuple):
     reached: Mask
 
 
-def halved(cut: Indices, child: Indices, n: int) -> Tree:
+def halved(cut: Indices, child: Indices, n: int) -> HalvedTree:
     """The cells of a tree, from the root down.
 
     Raises:
@@ -191,10 +191,10 @@ def halved(cut: Indices, child: Indices, n: int) -> Tree:
         size[below, axis], size[below + 1, axis] = half, half
         lower[below + 1, axis] += half
         reached[both], cells = True, both
-    return Tree(lower, size, reached)
+    return HalvedTree(lower, size, reached)
 
 
-class Faces(NamedTuple):
+class LeafFaces(NamedTuple):
     """Faces that leaves share: the cells whose upper and whose lower face it is, the axis across, (K,) each.
 
     `seam`: whether the lower face is one whole turn further, (K,).
@@ -212,11 +212,11 @@ class Faces(NamedTuple):
         return turns
 
 
-def faces_of(tree: Tree, cut: Indices, child: Indices, wrapped: Mask) -> Faces:
+def faces_of(tree: HalvedTree, cut: Indices, child: Indices, wrapped: Mask) -> LeafFaces:
     """All faces that leaves share, each once: from the halves of every cell, and the region's two ends, downwards."""
     inner, axes = np.flatnonzero(tree.reached & (child >= 0)), np.flatnonzero(wrapped)
     none = np.zeros(len(axes), dtype=np.int64)
-    pairs = Faces(
+    pairs = LeafFaces(
         np.concatenate([child[inner], none]),
         np.concatenate([child[inner] + 1, none]),
         np.concatenate([cut[inner], axes]),
@@ -230,7 +230,7 @@ def faces_of(tree: Tree, cut: Indices, child: Indices, wrapped: Mask) -> Faces:
     return joined([*found, pairs])
 
 
-def _parted(tree: Tree, cut: Indices, child: Indices, pairs: Faces) -> Faces:
+def _parted(tree: HalvedTree, cut: Indices, child: Indices, pairs: LeafFaces) -> LeafFaces:
     """Pairs of cells with a common face, one of each halved: what of its halves still has a part of the face."""
     first = child[pairs.upper] >= 0  # which of the two is halved
     cell, still = np.where(first, pairs.upper, pairs.lower), np.where(first, pairs.lower, pairs.upper)
@@ -242,7 +242,7 @@ def _parted(tree: Tree, cut: Indices, child: Indices, pairs: Faces) -> Faces:
         meets = (low < other + tree.size[still, axis]) & (other < high)
         kept = np.where(along, first == bool(side), meets)
         upper, lower = np.where(first, half, pairs.upper), np.where(first, pairs.lower, half)
-        halves.append(Faces(upper[kept], lower[kept], pairs.axis[kept], pairs.seam[kept]))
+        halves.append(LeafFaces(upper[kept], lower[kept], pairs.axis[kept], pairs.seam[kept]))
     return joined(halves)
 
 
@@ -251,7 +251,7 @@ def _numbers(fact: Fact, solutions: tuple[Fact, ...]) -> Indices:
     first = dict(
         zip(map(id, solutions), np.cumsum([0, *(len(s.claim.kappa) for s in solutions)]).tolist(), strict=False)
     )
-    own = fact.premises if type(fact.claim) is Glued else fact.premises[1:]
+    own = fact.premises if type(fact.claim) is GluedBoxes else fact.premises[1:]
     parts = [
         np.arange(len(s.claim.kappa)) + first[id(s)] if id(s) in first else np.full(len(s.claim.kappa), -1) for s in own
     ]

@@ -9,7 +9,7 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices
 from ccpin.proof.equations import Closures, Problem, Requirements
-from ccpin.proof.facts import Claim, Examined, Fact, Form, provable, require
+from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
 from ccpin.proof.requirements import meets
 from ccpin.proof.solutions import boxes_of
 
@@ -18,7 +18,7 @@ _LARGEST = np.finfo(np.float64).max
 
 @provable
 @dataclass(frozen=True, eq=False)
-class Demanded(Claim):
+class Demanded(ProvableClaim):
     """All boxes of the facts that are its premises meet some `Requirements`; the largest number stands for no limit."""
 
     lower: Array

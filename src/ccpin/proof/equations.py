@@ -17,7 +17,7 @@ from ccpin.proof.chains import Chain, ChainStack, ClosureSystem, gather, stack_c
 from ccpin.proof.digests import digest
 from ccpin.proof.facts import known, require, sealed
 from ccpin.proof.phasors import Phasors, phasor_values, phasors_of, planar_bounds
-from ccpin.proof.reach import Lengths, ReachDrift, chain_reach
+from ccpin.proof.reach_bounds import ChainLengths, ReachDrift, chain_reach
 from ccpin.proof.taylor import Pattern, Point, taylor_bounds
 from ccpin.proof.tips import Rows, Turns, by_joint, crossed, positions, sweep, turns_of
 
@@ -124,8 +124,8 @@ class Closures:
         return turns_of(self.stack)
 
     @cached_property
-    def _lengths(self) -> Lengths:
-        return Lengths.of(self.stack, self.turns)
+    def _lengths(self) -> ChainLengths:
+        return ChainLengths.of(self.stack, self.turns)
 
     @cached_property
     def _sums(self) -> _Sums:

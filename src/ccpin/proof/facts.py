@@ -79,7 +79,7 @@ def sealed(value: Any) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class Claim:
+class ProvableClaim:
     """What is claimed of equations. Subclasses add arrays, each with its `Form`, and `examined`.
 
     `rows`: the letter of the axis along which it is many claims, each of its own; none: it is one. `theorem`: the file
@@ -136,8 +136,8 @@ class Claim:
         return len(first) if self.rows and np.ndim(first) else 1
 
 
-C = TypeVar("C", bound=Claim)
-_KINDS: set[type[Claim]] = set()
+C = TypeVar("C", bound=ProvableClaim)
+_KINDS: set[type[ProvableClaim]] = set()
 _EQUATIONS: set[type] = set()
 
 
@@ -244,7 +244,7 @@ def _replayed(given: Fact | Unproved, done: dict[int, Fact]) -> Fact:
     return done[id(given)]
 
 
-def prove(claim: Claim, *premises: Fact) -> Fact:
+def prove(claim: ProvableClaim, *premises: Fact) -> Fact:
     """The fact of a claim.
 
     Raises:
@@ -256,7 +256,7 @@ def prove(claim: Claim, *premises: Fact) -> Fact:
     return _minted(claim, premises, examined.found, digest)
 
 
-def prove_some(claim: Claim, *premises: Fact) -> tuple[Fact, Mask]:
+def prove_some(claim: ProvableClaim, *premises: Fact) -> tuple[Fact, Mask]:
     """The fact of those rows of a claim that are proved, and which they are: one check for all.
 
     Raises:
@@ -269,7 +269,7 @@ def prove_some(claim: Claim, *premises: Fact) -> tuple[Fact, Mask]:
     return _minted(claim, premises, found, digest), proved
 
 
-def _examined(claim: Claim, premises: tuple[Fact, ...]) -> tuple[str, Examined]:
+def _examined(claim: ProvableClaim, premises: tuple[Fact, ...]) -> tuple[str, Examined]:
     require(type(claim) in _KINDS and type(claim.equations) in _EQUATIONS, "no claim that the kernel knows")
     require([type(premise) is Fact for premise in premises], "a premise is no fact")
     digest = claim.equations.digest
@@ -279,7 +279,7 @@ def _examined(claim: Claim, premises: tuple[Fact, ...]) -> tuple[str, Examined]:
     return digest, examined._replace(proved=examined.proved & formed)
 
 
-def _minted(claim: Claim, premises: tuple[Fact, ...], found: Mapping[str, NDArray[Any]], digest: str) -> Fact:
+def _minted(claim: ProvableClaim, premises: tuple[Fact, ...], found: Mapping[str, NDArray[Any]], digest: str) -> Fact:
     own = type(claim)(*(getattr(claim, field.name) for field in fields(claim)))
     kept = MappingProxyType({name: sealed(array) for name, array in found.items()})
     fact = object.__new__(Fact)

@@ -241,11 +241,11 @@ def encloses(
     dependent = problem.system.dependent
     blurred = apply(np.abs(boxes.directions[:, dependent]), blur(delta))
     plain = np.array_equal(boxes.modes, np.broadcast_to(np.eye(len(dependent)), boxes.modes.shape))
-    tubes = Tubes(predict(problem, boxes, delta), boxes.radius, None if plain else boxes.modes)
-    return in_tubes(problem.system, tubes, blurred, Ball(theta, error, modes))
+    tubes = TubesAt(predict(problem, boxes, delta), boxes.radius, None if plain else boxes.modes)
+    return in_tubes(problem.system, tubes, blurred, SolutionBall(theta, error, modes))
 
 
-class Ball(NamedTuple):
+class SolutionBall(NamedTuple):
     """What solutions are known to: θ (B, n′) and V · [−error, error] (B, m) in the dependent coordinates."""
 
     theta: Array
@@ -253,7 +253,7 @@ class Ball(NamedTuple):
     modes: Array | None
 
 
-class Tubes(NamedTuple):
+class TubesAt(NamedTuple):
     """θ_c + Dδ (B, n′) of boxes, their R (B, m), and their V (B, m, m), where it is not I."""
 
     base: Array
@@ -261,7 +261,7 @@ class Tubes(NamedTuple):
     modes: Array | None
 
 
-def in_tubes(system: ClosureSystem, tubes: Tubes, blurred: Array, ball: Ball) -> Mask:
+def in_tubes(system: ClosureSystem, tubes: TubesAt, blurred: Array, ball: SolutionBall) -> Mask:
     """Whether what balls hold lies in tubes, whose q and so θ_c + Dδ may be off by `blurred` (B, m); of shape (B,).
 
     Periodic coordinates are compared modulo 2π; 1e-13 is allowed for rounding.

@@ -17,10 +17,10 @@ import numpy as np
 
 from ccpin.arrays import Array, Mask
 from ccpin.proof.chords import chords_of
-from ccpin.proof.facts import Claim, Examined, Fact, Form, provable, require
+from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
 from ccpin.proof.newton import reached
 from ccpin.proof.rounding import UNIT_ROUNDOFF, sum_of
-from ccpin.proof.solutions import Glued, Met, Solutions, boxes_of
+from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of
 
 
 class _Pieces(NamedTuple):
@@ -30,7 +30,7 @@ class _Pieces(NamedTuple):
 
 @provable
 @dataclass(frozen=True, eq=False)
-class Followed(Claim):
+class Followed(ProvableClaim):
     """From times[0] to times[-1] σ is continued along the tube about the path in one way only, and smooth.
 
     Premises: the fact about the boxes, one for every stretch between two times, in order; the fact that the first
@@ -59,7 +59,10 @@ class Followed(Claim):
         require(len(premises) > 1 and type(premises[1].claim) is Met, "boxes and their start are needed")
         boxes, start, *glue = premises
         count, n = len(self.times) - 1, len(self.tube)
-        require(type(boxes.claim) is Solutions and boxes.claim.half.shape == (count, 1 + n), "boxes of other stretches")
+        require(
+            type(boxes.claim) is SolutionsInBoxes and boxes.claim.half.shape == (count, 1 + n),
+            "boxes of other stretches",
+        )
         self._require_path()
         require(self._covered(boxes), "a stretch of the tube is not in its box")
         found = set[tuple[int, int]]().union(*(_links(fact, boxes) for fact in glue))
@@ -104,7 +107,7 @@ def _between(point: Array, centre: Array, along: Array) -> Array:
 
 def _links(glue: Fact, boxes: Fact) -> set[tuple[int, int]]:
     """Which boxes a fact glues to which, at the one's end and the other's beginning, without a turn between them."""
-    require(type(glue.claim) in (Glued, Met), "a premise of another kind")
+    require(type(glue.claim) in (GluedBoxes, Met), "a premise of another kind")
     claim, own = glue.claim, glue.premises[1:] if type(glue.claim) is Met else glue.premises
     ends = (claim.at_first[:, 0] == 1.0) & (claim.at_second[:, 0] == -1.0) & ~glue.found["turn"].any(axis=1)
     return set(zip(claim.first[ends].tolist(), claim.second[ends].tolist(), strict=True)) if own == (boxes,) else set()

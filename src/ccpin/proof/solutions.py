@@ -16,8 +16,8 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined
 from ccpin.proof.equations import Closures
-from ccpin.proof.facts import Claim, Examined, Fact, Form, provable, require
-from ccpin.proof.newton import Ball, Boxes, Tubes, check, in_tubes, noise_of, reached
+from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
+from ccpin.proof.newton import Boxes, SolutionBall, TubesAt, check, in_tubes, noise_of, reached
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, product_of, sum_of
 
 _PART = 256
@@ -26,7 +26,7 @@ TURN = 2.0 * np.pi
 
 @provable
 @dataclass(frozen=True, eq=False)
-class Solutions(Claim):
+class SolutionsInBoxes(ProvableClaim):
     """In each of B boxes: for every |δ| ≤ h (widened) exactly one |ζ| ≤ R with φ = 0; there φ_y is nonsingular.
 
     Found: `image` (B, m), Z̄(R)R.
@@ -66,7 +66,7 @@ class Solutions(Claim):
         return Examined(checked.proved, {"image": checked.image})
 
 
-class _Boxes(NamedTuple):
+class _GlueBoxes(NamedTuple):
     """What facts say of B boxes, numbered through.
 
     Attributes:
@@ -92,13 +92,13 @@ def boxes_of(facts: Sequence[Fact]) -> Boxes:
     Raises:
         NotProvedError: There are none, or they are facts of another kind, or of boxes with other numbers of parameters.
     """
-    require(len(facts) > 0 and [type(fact.claim) is Solutions for fact in facts], "premises that are no boxes")
+    require(len(facts) > 0 and [type(fact.claim) is SolutionsInBoxes for fact in facts], "premises that are no boxes")
     require([fact.claim.half.shape[1] == facts[0].claim.half.shape[1] for fact in facts], "boxes of different kinds")
     boxes: list[Boxes] = [fact.claim.boxes for fact in facts]
     return boxes[0] if len(boxes) == 1 else joined(boxes)
 
 
-def _tubes_of(equations: Closures, facts: Sequence[Fact], *numbers: Indices) -> _Boxes:
+def _tubes_of(equations: Closures, facts: Sequence[Fact], *numbers: Indices) -> _GlueBoxes:
     """The same with what gluing asks of them.
 
     Raises:
@@ -110,7 +110,7 @@ def _tubes_of(equations: Closures, facts: Sequence[Fact], *numbers: Indices) -> 
     across = boxes.directions[:, :, max(p - system.n, 0) :]
     unit = np.broadcast_to(np.eye(system.n), (len(across), system.n, system.n))
     require(p >= system.n and np.array_equal(across[:, system.independent], unit), "boxes that are no graphs over q")
-    return _Boxes(
+    return _GlueBoxes(
         boxes=boxes,
         image=np.concatenate([fact.found["image"] for fact in facts]),
         noise=noise_of(equations, boxes),
@@ -122,7 +122,7 @@ def _tubes_of(equations: Closures, facts: Sequence[Fact], *numbers: Indices) -> 
 
 @provable
 @dataclass(frozen=True, eq=False)
-class Glued(Claim):
+class GluedBoxes(ProvableClaim):
     """Boxes `first[i]` and `second[i]` carry the same solution at a common point, δ of the one and δ′ of the other.
 
     Premises are the facts about the boxes, numbered through. The point lies in both boxes as widened. In the first |ζ*
@@ -165,11 +165,11 @@ class Glued(Claim):
 
 @provable
 @dataclass(frozen=True, eq=False)
-class Met(Claim):
+class Met(ProvableClaim):
     """The solution that point `point[i]` encloses is that of box `first[i]` at δ, and that of box `second[i]` at δ′.
 
     Premises: the fact about the points (boxes without parameters), then those about the boxes, numbered through. q of
-    the point is compared with that at δ and δ′ modulo whole turns. Found: `turn`, as for `Glued`.
+    the point is compared with that at δ and δ′ modulo whole turns. Found: `turn`, as for `GluedBoxes`.
     """
 
     first: Indices
@@ -178,7 +178,7 @@ class Met(Claim):
     at_second: Array
     point: Indices
     rows, theorem = "K", "theorem_n"
-    forms = MappingProxyType({**Glued.forms, "point": Form("K", "i", 0)})
+    forms = MappingProxyType({**GluedBoxes.forms, "point": Form("K", "i", 0)})
 
     def examined(self, *premises: Fact) -> Examined:
         """Lemma G."""
@@ -186,7 +186,10 @@ class Met(Claim):
         points, tubes = boxes_of(premises[:1]), _tubes_of(self.equations, premises[1:], self.first, self.second)
         require(points.half.shape[1] == 0 and np.all(self.point < len(points.kappa)), "a point that is none")
         point = points.take(self.point)
-        q, ball = point.centre[:, self.equations.system.independent], Ball(point.centre, point.radius, point.modes)
+        q, ball = (
+            point.centre[:, self.equations.system.independent],
+            SolutionBall(point.centre, point.radius, point.modes),
+        )
         held, turns = np.ones(len(q), dtype=np.bool_), list[Indices]()
         for rows, delta in ((self.first, self.at_first), (self.second, self.at_second)):
             with np.errstate(all="ignore"):
@@ -226,7 +229,7 @@ def _exact(equations: Closures, boxes: Boxes, rows: Indices, delta: Array) -> tu
 
 
 def _placed(
-    equations: Closures, tubes: _Boxes, at: tuple[Indices, Array], q: tuple[Array, Array] | None = None
+    equations: Closures, tubes: _GlueBoxes, at: tuple[Indices, Array], q: tuple[Array, Array] | None = None
 ) -> _Place:
     """Where points q, sums of two doubles (default: the boxes' own), are: at δ, but for turns and little else."""
     (rows, delta), periodic = at, equations.system.periodic[equations.system.independent]
@@ -242,7 +245,7 @@ def _placed(
 
 
 def _agree(
-    equations: Closures, tubes: _Boxes, first: tuple[Indices, Array], second: tuple[Indices, Array]
+    equations: Closures, tubes: _GlueBoxes, first: tuple[Indices, Array], second: tuple[Indices, Array]
 ) -> tuple[Mask, Indices]:
     """Whether boxes are glued at δ of the one and δ′ of the other, and the turns between them."""
     boxes, dependent = tubes.boxes, equations.system.dependent
@@ -254,14 +257,14 @@ def _agree(
     plain = bool(tubes.plain[rows].all() and tubes.plain[place.rows].all())
     theta, modes = here.base, None if plain else boxes.modes[rows]
     theta[:, dependent] -= residual if modes is None else apply(modes, residual)
-    ball = Ball(theta, SLACK * (share * image + tubes.noise[rows]), modes)
+    ball = SolutionBall(theta, SLACK * (share * image + tubes.noise[rows]), modes)
     held = here.over & place.over & (share[:, 0] <= 1.0) & _inside(equations, tubes, place, ball)
     return np.asarray(held), place.turn
 
 
-def _inside(equations: Closures, tubes: _Boxes, place: _Place, ball: Ball) -> Mask:
+def _inside(equations: Closures, tubes: _GlueBoxes, place: _Place, ball: SolutionBall) -> Mask:
     """Whether what the balls hold lies in the boxes' tubes there, of shape (K,)."""
     rows = place.rows
     plain = bool(tubes.plain[rows].all())
-    there = Tubes(place.base, tubes.boxes.radius[rows], None if plain else tubes.boxes.modes[rows])
+    there = TubesAt(place.base, tubes.boxes.radius[rows], None if plain else tubes.boxes.modes[rows])
     return in_tubes(equations.system, there, tubes.slopes[rows] * place.off[:, None], ball)

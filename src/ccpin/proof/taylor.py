@@ -1,7 +1,7 @@
 """Taylor bounds, of any equations with two derivatives at a centre and a bound of the third over boxes.
 
 Notation is that of Theorem N (`theorems/theorem_n.md`): x = c + Dδ + Eζ, L = |D|h, X = L + |E|R, C = AG″(c), e_k the
-columns of [D, E]; T(x, y, z) ≥ |A G‴[x, y, z]| over a box is `Drift`. Then
+columns of [D, E]; T(x, y, z) ≥ |A G‴[x, y, z]| over a box is `DriftBound`. Then
 
     Y  = |AG| + |AG′D|h + ½ Σ |d_kᵀ C d_l| h_k h_l + ⅙ T_L(L, L, L),
     Z  = |I − AG′E| + Σ_k |Eᵀ C e_k| (h, R)_k + ½ T_X(X, X, |E|),
@@ -79,13 +79,13 @@ class Point(NamedTuple):
     rounding: Array
 
 
-class Drift(Protocol):
+class DriftBound(Protocol):
     """A bound of the third derivatives of AG over boxes about B centres."""
 
     def over(self, box: Array) -> Form:
         """T ≥ |A G‴[x, y, z]| (B, M) of nonnegative x, y, z (B, N) wherever |x − c| ≤ box (B, N)."""
 
-    def take(self, rows: Rows) -> Drift:
+    def take(self, rows: Rows) -> DriftBound:
         """That of some of the centres."""
 
 
@@ -136,7 +136,7 @@ class TaylorBounds:
     y: Array
     across: Array
     mixed: _Selected | _Mixed
-    drift: Drift
+    drift: DriftBound
 
     def take(self, rows: Rows) -> TaylorBounds:
         """See `Bounds`."""
@@ -166,7 +166,7 @@ class TaylorBounds:
         return np.asarray(self.linear.affine(widths) + self.across + self.mixed.times(radius))
 
 
-def taylor_bounds(point: Point, frame: Frame, drift: Drift) -> TaylorBounds:
+def taylor_bounds(point: Point, frame: Frame, drift: DriftBound) -> TaylorBounds:
     """Taylor bounds of boxes centred at a point."""
     rows, (count, size, p) = point.value.shape[1], frame.directions.shape
     linear, lines = linear_part(frame, point.value, point.slope), frame.directions * frame.half[:, None]

@@ -16,7 +16,7 @@ from ccpin.arrays import Array, Indices, cross, skew
 from ccpin.proof.chains import ChainStack, ClosureSystem, gather
 
 
-class Motion(NamedTuple):
+class SweptChains(NamedTuple):
     """C chains of k joints at B configurations.
 
     Attributes:
@@ -96,7 +96,7 @@ def positions(turns: Turns, theta: Array) -> Array:
     return x
 
 
-def sweep(turns: Turns, theta: Array) -> Motion:
+def sweep(turns: Turns, theta: Array) -> SweptChains:
     """Move all chains from root to tip at θ (B, n′)."""
     angles = by_joint(turns, theta)
     cosine, sine, slides = np.cos(angles), np.sin(angles), angles * turns.sliding
@@ -114,7 +114,7 @@ def sweep(turns: Turns, theta: Array) -> Motion:
     turning = axes * turns.turning
     b = crossed(turning, tip[:, None] - turns.points * origins)
     b += axes * (turns.sliding * turns.points)
-    return Motion(tip, turning, b)
+    return SweptChains(tip, turning, b)
 
 
 def _times(matrix: Array, vector: Array) -> Array:

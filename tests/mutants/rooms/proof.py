@@ -36,7 +36,7 @@ ROOMS: tuple[Room, ...] = (
         ),
         ("proof/test_sharp_taylor.py", *_BOUNDS),
     ),
-    Room("proof/reach", ("Lengths.of", "Lengths.reach", "trilinear", "ReachDrift.over"), _BOUNDS),
+    Room("proof/reach_bounds", ("ChainLengths.of", "ChainLengths.reach", "trilinear", "ReachDrift.over"), _BOUNDS),
     Room(
         "proof/newton",
         ("holds", "frame_of", "reached", "noise_of"),

@@ -34,7 +34,7 @@ from ccpin.covering.faces import contacts_of
 from ccpin.covering.proposals.solving import newton
 from ccpin.covering.region import Region
 from ccpin.displays import boxes, table
-from ccpin.domain.atlas.cover_claims import Proved, proved_cover, seams_of
+from ccpin.domain.atlas.cover_claims import ProvedCover, proved_cover, seams_of
 from ccpin.domain.atlas.refuting import refutation_of
 from ccpin.domain.closures.packing import fingerprint_of, same_closures
 from ccpin.domain.closures.system import Reading
@@ -85,7 +85,7 @@ class Atlas:
     q0: Array
     radius: float
     solutions: tuple[Fact, ...]
-    proved: Proved | None
+    proved: ProvedCover | None
     complete: bool
     region: Region
     reading: Reading

@@ -12,7 +12,7 @@ from ccpin.covering.claims import Seams, proved_points
 from ccpin.covering.faces import CellFaces, contacts_of
 from ccpin.covering.proposals.solving import glued
 from ccpin.covering.region import Region
-from ccpin.proof.covers import Cover
+from ccpin.proof.covers import RegionCover
 from ccpin.proof.demanded import Demanded
 from ccpin.proof.equations import Problem, closures_of
 from ccpin.proof.facts import Fact, prove, prove_some
@@ -22,8 +22,8 @@ from ccpin.proof.solutions import Met, boxes_of
 _CHUNK = 500
 
 
-class Proved(NamedTuple):
-    """What was proved of a region: the `Cover`, and of a workspace that its boxes meet what was asked (`Demanded`)."""
+class ProvedCover(NamedTuple):
+    """The fact about a region, and of a workspace that its boxes meet what was asked (`Demanded`)."""
 
     cover: Fact
     demanded: Fact | None
@@ -31,13 +31,13 @@ class Proved(NamedTuple):
 
 def proved_cover(
     problem: Problem, region: Region, tree: CellTree, seed: Array, solutions: tuple[Fact, ...], glue: tuple[Fact, ...]
-) -> Proved:
+) -> ProvedCover:
     """The fact about a region's cells, those that are certified lying in boxes of facts, numbered through."""
     equations, demanded = closures_of(problem), None
     if problem.requirements is not None:
         demanded = prove(Demanded.of(equations, problem.requirements), *solutions)
     start, met = _started(problem, region, tree, seed, boxes_of(solutions), solutions)
-    claim = Cover(
+    claim = RegionCover(
         equations,
         lower=region.lower,
         upper=region.upper,
@@ -47,7 +47,7 @@ def proved_cover(
         box=np.where(tree.status == CellStatus.CERTIFIED, tree.box, -1).astype(np.int64),
         start=np.array([start], dtype=np.int64),
     )
-    return Proved(prove(claim, *solutions, *glue, *met), demanded)
+    return ProvedCover(prove(claim, *solutions, *glue, *met), demanded)
 
 
 def seams_of(

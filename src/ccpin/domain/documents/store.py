@@ -64,7 +64,7 @@ def reading(path: str | Path, kind: Document) -> Iterator[tuple[dict[str, Any], 
         yield header, arrays
 
 
-class HasCells(Protocol):
+class HasBoxes(Protocol):
     """What every kind is."""
 
     @property
@@ -88,7 +88,7 @@ class HasCells(Protocol):
         """What is singular."""
 
 
-def pack(covering: HasCells) -> tuple[dict[str, Any], NamedArrays]:
+def pack(covering: HasBoxes) -> tuple[dict[str, Any], NamedArrays]:
     """What every kind holds, as a header and arrays."""
     header, arrays = pack_reading(covering.reading)
     arrays |= packed("box", covering.boxes) | packed("tree", covering.tree.cells)

@@ -35,7 +35,7 @@ from ccpin.proof.equations import BoundsName, Problem, closure_values, closures_
 from ccpin.proof.facts import Fact, NotProvedError, prove
 from ccpin.proof.newton import Boxes, solve_in_boxes
 from ccpin.proof.paths import Followed
-from ccpin.proof.solutions import Met, Solutions
+from ccpin.proof.solutions import Met, SolutionsInBoxes
 from ccpin.proof.verdict import Verdict, Witness
 
 _AHEAD = np.array([1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4])
@@ -181,7 +181,7 @@ def _proved(walker: Walker) -> Fact | None:
     ends, begins = np.tile(np.eye(1, 1 + n), (count, 1)), np.column_stack([-np.ones(count), before - (q - along)])
     number = np.arange(count)
     try:
-        solutions = prove(Solutions(closures_of(problem), *boxes))
+        solutions = prove(SolutionsInBoxes(closures_of(problem), *boxes))
         first = number[:1], number[:1], begins[:1], begins[:1], number[:1]
         start = prove(Met(closures_of(problem), *first), point, solutions)
         glue = proved_glue(problem, Seams(number[:-1], number[1:], ends[:-1], begins[1:]), (solutions,))

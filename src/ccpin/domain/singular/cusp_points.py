@@ -26,7 +26,7 @@ and Schaeffer, "Singularities and groups in bifurcation theory I", 1985). 2 is r
 about (0, 0) in the plane of (a, b) that begins and ends at a < 0, b = 0, the root followed is the largest at one
 end and the least at the other and is simple all along. ∎
 
-Δ. With τ_i bounding every third and fourth derivative of φ_i on the ball (`ccpin.proof.reach.chain_reach`; a
+Δ. With τ_i bounding every third and fourth derivative of φ_i on the ball (`ccpin.proof.reach_bounds.chain_reach`; a
 derivative of a chain's tip of any order is at most ρ of its deepest joint), P = n′ and V = |v₀|₁ + mr,
 
     |φ_θθ − φ_θθ(θ₀)| ≤ τPr,     |φ_θ − φ_θ(θ₀)| ≤ (|φ_θθ(θ₀)|1 + τP²r) r,

@@ -39,7 +39,7 @@ from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.chains import ChainStack, gather, stack_chains
 from ccpin.proof.equations import Problem, derivatives
 from ccpin.proof.newton import Boxes
-from ccpin.proof.reach import chain_reach
+from ccpin.proof.reach_bounds import chain_reach
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, widened
 from ccpin.proof.tips import move
 

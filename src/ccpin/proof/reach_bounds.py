@@ -24,7 +24,7 @@ from ccpin.proof.tips import Turns, by_joint, turns_of
 
 
 @dataclass(frozen=True, eq=False)
-class Lengths:
+class ChainLengths:
     """Lengths in a stack of chains: of links behind joints (k, C, 1), tips (C, 1); 1.0 where slides move a point."""
 
     turns: Turns
@@ -33,7 +33,7 @@ class Lengths:
     travelling: Array
 
     @classmethod
-    def of(cls, stack: ChainStack, turns: Turns) -> Lengths:
+    def of(cls, stack: ChainStack, turns: Turns) -> ChainLengths:
         """Of a stack of chains."""
         points = stack.points[:, None]
         links = np.linalg.norm(stack.translations, axis=2) * points
@@ -72,7 +72,7 @@ def trilinear(turning: Array, reach: Array, x: Array, y: Array, z: Array) -> Arr
 
 @dataclass(frozen=True, eq=False)
 class ReachDrift:
-    """T of B centres (`Drift`).
+    """T of B centres (`DriftBound`).
 
     Attributes:
         lengths: Of the chains.
@@ -82,14 +82,14 @@ class ReachDrift:
         rounding: Of shape (B,).
     """
 
-    lengths: Lengths
+    lengths: ChainLengths
     gains: Array
     position: Array
     arms: Array
     rounding: Array
 
     def over(self, box: Array) -> Form:
-        """See `Drift`."""
+        """See `DriftBound`."""
         turns = self.lengths.turns
         reach = self.lengths.reach(self.arms, self.position, by_joint(turns, box), self.rounding)
 
@@ -100,13 +100,13 @@ class ReachDrift:
         return form
 
     def take(self, rows: Rows) -> ReachDrift:
-        """See `Drift`."""
+        """See `DriftBound`."""
         position, arms = self.position[..., rows], self.arms[..., rows]
         return replace(self, gains=self.gains[rows], position=position, arms=arms, rounding=self.rounding[rows])
 
 
 def chain_reach(stack: ChainStack, arms: Array, position: Array, box: Array, rounding: Array) -> Array:
-    """`Lengths.reach` with the configurations first: everything of shape (B, C, k)."""
+    """`ChainLengths.reach` with the configurations first: everything of shape (B, C, k)."""
     arms, position, box = (np.transpose(values, (2, 1, 0)) for values in (arms, position, box))
-    found = Lengths.of(stack, turns_of(stack)).reach(arms, position, box, rounding)
+    found = ChainLengths.of(stack, turns_of(stack)).reach(arms, position, box, rounding)
     return np.ascontiguousarray(np.transpose(found, (2, 1, 0)))
