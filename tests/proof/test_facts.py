@@ -12,6 +12,7 @@ import pytest
 
 import ccpin
 from ccpin.covering.cells import CellStatus
+from ccpin.covering.claims import Seams
 from ccpin.covering.proposals.krawczyk import certify_points
 from ccpin.domain import certify
 from ccpin.domain.atlas import cover as build
@@ -439,10 +440,9 @@ def test_a_search_with_wider_cells(rpdr, monkeypatch):
 
 def test_a_search_that_glues_nothing(rpdr, monkeypatch):
     """Faces are not handed on: they are unglued."""
-    honest = build.AtlasBuilder._check
-    monkeypatch.setattr(
-        build.AtlasBuilder, "_check", lambda self, contacts: (honest(self, contacts), self.seams.clear())
-    )
+    from ccpin.domain.atlas import certifying
+
+    monkeypatch.setattr(certifying, "seams_of", lambda problem, *_: Seams.none(problem.system.n))
     monkeypatch.setattr(
         build.AtlasBuilder, "_glued_to_origin", lambda self, origins, boxes: np.ones(len(boxes.kappa), bool)
     )

@@ -15,6 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ccpin.arrays import Array, Indices, Mask, joined, rows_of
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
@@ -43,9 +45,9 @@ class RegionCover(ProvableClaim):
         box: The number of the box that a leaf lies in, or −1, of shape (T,).
         start: The number of the box that the seed is in, or −1, of shape (1,).
 
-    Found: `unglued` (U, 2), pairs of boxes that share a face at which they are not glued; `reached` (B,), whether a way
-    over glued faces joins a box to the seed's; `whole` (1,), whether every leaf lies in a box; `seed` (1 or 0, N), a
-    configuration to which the seed is known.
+    Found: `faces` (F, 2), pairs of boxes whose cells share a face, and `unglued` (U, 2), those that are not glued
+    there; `reached` (B,), whether a way over glued faces joins a box to the seed's; `whole` (1,), whether every leaf
+    lies in a box; `seed` (1 or 0, N), a configuration to which the seed is known.
     """
 
     lower: Array
@@ -91,12 +93,14 @@ class RegionCover(ProvableClaim):
         links = np.concatenate(
             [np.zeros(0, dtype=np.int64), *(_links(fact, solutions, len(boxes.kappa)) for fact in glue)]
         )
+        pairs = np.stack([one, other], axis=1)
         glued = np.isin(_keys(one, other, turns, len(boxes.kappa)), links) | ((one == other) & ~turns.any(axis=1))
         return Examined(
             np.ones(1, dtype=np.bool_),
             {
-                "unglued": np.stack([one, other], axis=1)[~glued],
-                "reached": _joined(one[glued], other[glued], int(self.start[0]), len(boxes.kappa)),
+                "faces": pairs,
+                "unglued": pairs[~glued],
+                "reached": _joined(pairs[glued], int(self.start[0]), len(boxes.kappa)),
                 "whole": np.array([len(named) == len(leaves)]),
                 "seed": self._seed(glue, solutions),
             },
@@ -153,6 +157,18 @@ def over_region(cover: Fact, demanded: Fact | None, asked: bool) -> bool:
             return False
     found = cover.found
     return bool(found["whole"][0] and not len(found["unglued"]) and len(found["seed"]) and found["reached"].all())
+
+
+def one_function(faces: Indices, unglued: Indices, start: int, count: int) -> Mask:
+    """Which of so many boxes together carry one continuous σ, among them the seed's.
+
+    Of two boxes that are unglued the later one is left out; what no way over glued faces joins to the seed's then, too.
+    """
+    kept = np.full(count, start >= 0)
+    for a, b in np.sort(unglued, axis=1):
+        if kept[a] and kept[b]:
+            kept[a if b == start else b] = False
+    return kept & _joined(faces[kept[faces].all(axis=1)], start, count)
 
 
 class HalvedTree(NamedTuple):
@@ -275,18 +291,11 @@ def _keys(one: Indices, other: Indices, turns: Indices, count: int) -> Integers:
     return np.asarray(np.minimum(ahead, back), dtype=np.int64)
 
 
-def _joined(one: Indices, other: Indices, start: int, count: int) -> Mask:
-    """Which boxes a chain of pairs joins to one: the least number of each part is handed on until all have it."""
+def _joined(pairs: Indices, start: int, count: int) -> Mask:
+    """Which of so many boxes a chain of pairs joins to one; none to none (−1)."""
     if start < 0:
         return np.zeros(count, dtype=np.bool_)
     require(start < count, "the seed is in no box")
-    least = np.arange(count)
-    while True:
-        low = np.minimum(least[one], least[other])
-        handed = least.copy()
-        np.minimum.at(handed, least[one], low)
-        np.minimum.at(handed, least[other], low)
-        handed = handed[handed]
-        if np.array_equal(handed, least):
-            return np.asarray(least == least[start])
-        least = handed
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    part = connected_components(graph, directed=False)[1]
+    return np.asarray(part == part[start])

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Mask
-from ccpin.proof.chords import chords_of
+from ccpin.proof.chords import Polynomials, chords_of
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
 from ccpin.proof.newton import reached
 from ccpin.proof.rounding import UNIT_ROUNDOFF, sum_of
@@ -96,6 +96,14 @@ class Followed(ProvableClaim):
         inside = np.all(away <= half, axis=1) & (boxes.claim.half[:, 0] >= 1.0)
         inside[1:] &= np.all(before <= half[1:], axis=1)
         return np.asarray(inside)
+
+
+def follows(path: Fact, pieces: Polynomials) -> bool:
+    """Whether a path is followed from its first knot to its last."""
+    require(type(path) is Fact and type(path.claim) is Followed, "no fact about a path")
+    claim, whole = path.claim, pieces.x[[0, -1]]
+    known = np.array_equal(claim.coefficients, pieces.c) and np.array_equal(claim.knots, pieces.x)
+    return known and np.array_equal(claim.times[[0, -1]], whole)
 
 
 def _between(point: Array, centre: Array, along: Array) -> Array:

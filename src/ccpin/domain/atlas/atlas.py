@@ -24,13 +24,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ccpin.arrays import Array, Mask, numbers
 from ccpin.covering.cells import CellStatus, CellTree, SingularCells, leaves_about, place
 from ccpin.covering.claims import proved_glue
-from ccpin.covering.faces import contacts_of
 from ccpin.covering.proposals.solving import newton
 from ccpin.covering.region import Region
 from ccpin.displays import boxes, table
@@ -43,7 +40,7 @@ from ccpin.domain.documents.kinds import ATLAS
 from ccpin.domain.paths.obstacles import demand_witnesses
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.proof.covers import over_region
+from ccpin.proof.covers import one_function, over_region
 from ccpin.proof.equations import Problem, closures_of
 from ccpin.proof.facts import Fact, NotProvedError
 from ccpin.proof.newton import Boxes, check, solve_in_boxes
@@ -147,27 +144,16 @@ class Atlas:
 
     @cached_property
     def one_function(self) -> Mask:
-        """Boxes that together carry one continuous σ, among them that of q₀, of shape (B,); all, if `single_valued`.
-
-        Of two boxes that are unglued the later one is left out; what no way over glued faces joins to q₀'s then, too.
-        """
+        """Boxes that together carry one continuous σ, among them that of q₀, of shape (B,); all, if `single_valued`."""
         count = len(self.boxes.kappa)
         if self.single_valued or not count:
             return np.ones(count, dtype=np.bool_)
-        kept = np.ones(count, dtype=np.bool_)
-        first = int(self._cells_of(self.q0[None])[0])
-        if first < 0:
-            return np.zeros(count, dtype=np.bool_)
-        for a, b in np.sort(self.unglued, axis=1):
-            if kept[a] and kept[b]:
-                kept[a if b == first else b] = False
-        faces = contacts_of(self.tree, self.region, self.tree.leaves(CellStatus.CERTIFIED))
-        one, other = self.tree.box[faces.cell], self.tree.box[faces.leaf]
-        joined = np.flatnonzero(other >= 0)
-        joined = joined[kept[one[joined]] & kept[other[joined]]]
-        graph = coo_array((np.ones(len(joined)), (one[joined], other[joined])), shape=(count, count))
-        part = connected_components(graph, directed=False)[1]
-        return np.asarray(kept & (part == part[first]))
+        if self.proved is None:
+            seams = seams_of(self.problem, self.region, self.tree, self.boxes)
+            faces = np.stack([seams.first, seams.second], axis=1)
+        else:
+            faces = self.proved.cover.found["faces"]
+        return one_function(faces, self.unglued, int(self._cells_of(self.q0[None])[0]), count)
 
     @cached_property
     def witness(self) -> Witness | None:

@@ -6,11 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, joined, rows_of
+from ccpin.arrays import Array, rows_of
 from ccpin.covering.cells import CellStatus, CellTree
 from ccpin.covering.claims import Seams, proved_points
 from ccpin.covering.faces import CellFaces, contacts_of
-from ccpin.covering.proposals.solving import glued
 from ccpin.covering.region import Region
 from ccpin.proof.covers import RegionCover
 from ccpin.proof.demanded import Demanded
@@ -18,8 +17,6 @@ from ccpin.proof.equations import Problem, closures_of
 from ccpin.proof.facts import Fact, prove, prove_some
 from ccpin.proof.newton import Boxes
 from ccpin.proof.solutions import Met, boxes_of
-
-_CHUNK = 500
 
 
 class ProvedCover(NamedTuple):
@@ -53,20 +50,15 @@ def proved_cover(
 def seams_of(
     problem: Problem, region: Region, tree: CellTree, boxes: Boxes, contacts: CellFaces | None = None
 ) -> Seams:
-    """Faces that certified cells share (default: all) at which the search finds that their boxes carry the same σ."""
+    """Common points of boxes: the middles of faces that certified cells share (default: all)."""
     if contacts is None:
         contacts = contacts_of(tree, region, tree.leaves(CellStatus.CERTIFIED))
         contacts = rows_of(contacts, contacts.upper & (tree.status[contacts.leaf] == CellStatus.CERTIFIED))
     first, second = tree.box[contacts.cell], tree.box[contacts.leaf]
-    independent, kept = problem.system.independent, list[Seams]()
-    for start in range(0, len(first), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        one, other = boxes.take(first[part]), boxes.take(second[part])
-        here = region.position(contacts.at_cell[part]) - one.centre[:, independent]
-        there = region.position(contacts.at_leaf[part]) - other.centre[:, independent]
-        same = glued(problem, one, here, other, there)
-        kept.append(rows_of(Seams(first[part], second[part], here, there), same))
-    return joined([Seams.none(len(region.lower)), *kept])
+    q = boxes.centre[:, problem.system.independent]
+    return Seams(
+        first, second, region.position(contacts.at_cell) - q[first], region.position(contacts.at_leaf) - q[second]
+    )
 
 
 def _started(

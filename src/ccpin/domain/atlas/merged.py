@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, joined, numbers, rows_of, whole
+from ccpin.arrays import Array, Indices, Mask, joined, numbers, rows_of, whole
 from ccpin.covering.cells import CellStatus, CellTree
-from ccpin.covering.claims import Seams, proved_glue
+from ccpin.covering.claims import proved_glue
 from ccpin.covering.faces import CellFaces, contacts_of
 from ccpin.covering.merging import grafted, whole_region
 from ccpin.covering.region import Corners, Region, corners_of
@@ -64,7 +64,6 @@ def merge_atlases(parts: list[Atlas]) -> Atlas:
     solutions = tuple(fact for part in parts for fact in part.solutions)
     owner = np.repeat(np.arange(len(parts)), [len(part.boxes.kappa) for part in parts])
     seams = seams_of(parts[0].problem, region, tree, boxes_of(solutions), _between(tree, region, owner))
-    _refuse_strangers(len(parts), owner, seams)
     glue = [fact for part in parts for fact in part.glue()]
     glue += proved_glue(parts[0].problem, seams, solutions)
     merged = replace(
@@ -78,6 +77,7 @@ def merge_atlases(parts: list[Atlas]) -> Atlas:
             part.singular._replace(cell=place.of(part.singular.cell)) for part, place in zip(parts, places, strict=True)
         ),
     )
+    _refuse_strangers(owner, merged.proved.cover.found["reached"])
     return replace(merged, radius=float(certified_radius(merged, merged.region.reduce(merged.q0[None]))[0]))
 
 
@@ -101,13 +101,10 @@ def _between(tree: CellTree, region: Region, owner: Indices) -> CellFaces:
     return rows_of(contacts, owner[tree.box[contacts.cell]] != owner[tree.box[contacts.leaf]])
 
 
-def _refuse_strangers(count: int, owner: Indices, seams: Seams) -> None:
-    """Parts with boxes that no chain of glued faces joins to the first."""
-    reached, joins = {0}, {(int(a), int(b)) for a, b in zip(owner[seams.first], owner[seams.second], strict=True)}
-    while new := {b for a, b in joins | {(b, a) for a, b in joins} if a in reached} - reached:
-        reached |= new
-    for k in range(count):
-        if k not in reached and np.any(owner == k):
+def _refuse_strangers(owner: Indices, reached: Mask) -> None:
+    """Parts with boxes none of which a way over glued faces joins to the seed's."""
+    for k in np.setdiff1d(owner, owner[reached]).tolist():
+        if k:
             raise InvalidInputError(
                 f"part {k + 1} is not proved to be on the branch of part 1: none of the faces that its boxes "
                 "share with others carries the same σ. Certify it from a closed configuration on that branch (guess=)"

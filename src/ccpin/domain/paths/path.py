@@ -34,7 +34,7 @@ from ccpin.proof.chords import chord_of, points_of
 from ccpin.proof.equations import BoundsName, Problem, closure_values, closures_of
 from ccpin.proof.facts import Fact, NotProvedError, prove
 from ccpin.proof.newton import Boxes, solve_in_boxes
-from ccpin.proof.paths import Followed
+from ccpin.proof.paths import Followed, follows
 from ccpin.proof.solutions import Met, SolutionsInBoxes
 from ccpin.proof.verdict import Verdict, Witness
 
@@ -49,9 +49,6 @@ class CertifiedPath:
     """What was proved of a path.
 
     Attributes:
-        verdict: ``"proven"``: σ stays on its branch along the whole tube. ``"refuted"``: it does not, as `witness`
-            shows: the branch meets a singular configuration in the tube (`refutation`), or some q of the path
-            has no closed configuration at all. ``"undecided"``: neither was proved.
         reached: The parameter up to which the path is certified.
         proved: The fact that it is (`ccpin.proof.paths`); ``None`` where nothing is.
         reason: The verdict in a sentence.
@@ -65,7 +62,6 @@ class CertifiedPath:
         reading: The closures, and how their coordinates and configurations correspond.
     """
 
-    verdict: Verdict
     reached: float
     proved: Fact | None
     reason: str
@@ -80,6 +76,17 @@ class CertifiedPath:
 
     def __repr__(self) -> str:
         return f"CertifiedPath({self.verdict}: {self.reason})"
+
+    @property
+    def verdict(self) -> Verdict:
+        """``"proven"``: σ stays on its branch along the whole tube. ``"refuted"``: it does not, as `witness` shows.
+
+        So it is where the branch meets a singular configuration in the tube (`refutation`), or some q of the path has
+        no closed configuration at all. ``"undecided"``: neither was proved.
+        """
+        if self.proved is not None and follows(self.proved, self.pieces):
+            return "proven"
+        return "undecided" if self.witness is None else "refuted"
 
     @property
     def problem(self) -> Problem:
@@ -155,7 +162,6 @@ def certify_path(
         walker, stopped = walker.back(len(walker.times) - 1), float(pieces.x[1])
     witness = None if stopped is None else _refuted(walker, reading, stopped)
     return CertifiedPath(
-        verdict="proven" if stopped is None else "refuted" if witness else "undecided",
         reached=walker.here,
         proved=proved,
         reason=_reason(walker, stopped, witness),
