@@ -9,18 +9,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import PPoly
 
 import ccpin
 from ccpin.covering.cells import CellStatus
 from ccpin.covering.claims import Seams
 from ccpin.covering.proposals.krawczyk import certify_points
-from ccpin.domain import certify
+from ccpin.domain import Atlas, certify, certify_path
 from ccpin.domain.atlas import cover as build
 from ccpin.domain.atlas import cover_claims
-from ccpin.proof.covers import over_region
+from ccpin.proof.covers import one_function, over_region
 from ccpin.proof.demanded import Demanded
 from ccpin.proof.equations import Closures, closures_of
 from ccpin.proof.facts import Fact, NotProvedError, ProvableClaim, Unproved, known, provable, prove, prove_some
+from ccpin.proof.paths import follows
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes
 
 SEED = np.radians([-90.0, -90.0])
@@ -482,3 +484,52 @@ def test_a_search_from_another_seed(rpdr, monkeypatch):
     found = certified(rpdr)
     assert found.verdict != "proven"
     assert not len(found.proved.cover.found["seed"])
+
+
+# Documents.
+
+
+def test_a_document_is_a_claim_until_it_is_replayed(atlas, tmp_path):
+    """Its boxes are proved at load; where σ is one function it is believed, and said to be, unless it is replayed."""
+    path = tmp_path / "atlas.npz"
+    atlas.save(path)
+    told, known = Atlas.load(path), Atlas.load(path, replay=True)
+    assert told.proved is None
+    assert (told.verdict, known.verdict) == ("proven", "proven")
+    assert str(path) in told.reason
+    assert str(path) not in known.reason
+    assert known.proved.cover.digest == atlas.proved.cover.digest
+    seed = atlas.seed.copy()
+    seed[atlas.problem.system.dependent] *= -1.0
+    replace(atlas, seed=seed).save(path)
+    assert Atlas.load(path).verdict == "proven"
+    assert Atlas.load(path, replay=True).verdict != "proven"
+
+
+def test_one_function_leaves_out_what_is_torn():
+    """Of a torn pair the later box, never the seed's; then all that no way over the other faces joins to the seed's."""
+    faces = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5]])
+    everything, none = [True] * 4 + [False] * 2, np.zeros((0, 2), dtype=int)
+    assert one_function(faces, none, 0, 6).tolist() == everything
+    assert one_function(faces, np.array([[2, 1]]), 0, 6).tolist() == [True, True, False, True, False, False]
+    assert one_function(faces, np.array([[2, 1]]), 2, 6).tolist() == [True, False, True, True, False, False]
+    assert one_function(faces, np.array([[1, 2], [2, 3]]), 1, 6).tolist() == [True, True, False, True, False, False]
+    assert one_function(faces[:2], np.array([[0, 1]]), 0, 3).tolist() == [True, False, False]
+    assert not one_function(faces, none, -1, 6).any()
+
+
+def test_a_path_is_followed_from_its_first_knot_to_its_last(rpdr):
+    """Not as far as some knot before the last, and not another path's fact."""
+    ways = [SEED + np.array([[0.0, 0.0], [0.1, 0.0], [0.1, side]]) for side in (0.1, -0.1)]
+    one, other = (certify_path(rpdr, way) for way in ways)
+    assert one.verdict == "proven"
+    assert follows(one.proved, one.pieces)
+    assert not follows(one.proved, other.pieces)
+    assert replace(one, proved=other.proved).verdict == "undecided"
+    assert replace(one, proved=None).verdict == "undecided"
+    shorter = certify_path(rpdr, ways[0][:2])
+    assert not follows(shorter.proved, one.pieces)
+    longer = PPoly(one.pieces.c, one.pieces.x + np.array([0.0, 0.0, 1.0]))
+    assert not follows(one.proved, longer)
+    with pytest.raises(NotProvedError):
+        follows(one.proved.premises[0], one.pieces)

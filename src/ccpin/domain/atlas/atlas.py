@@ -191,8 +191,8 @@ class Atlas:
 
     @property
     def reason(self) -> str:
-        """The verdict in a sentence; of one that was loaded, what of it rests on the file (`source`)."""
-        return self._reason + of_file(self.source)
+        """The verdict in a sentence; where it is not computed from facts, what of it rests on the file (`source`)."""
+        return self._reason + of_file(None if self.proved is not None and self._whole else self.source)
 
     @property
     def _reason(self) -> str:

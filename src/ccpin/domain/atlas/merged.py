@@ -66,10 +66,12 @@ def merge_atlases(parts: list[Atlas]) -> Atlas:
     seams = seams_of(parts[0].problem, region, tree, boxes_of(solutions), _between(tree, region, owner))
     glue = [fact for part in parts for fact in part.glue()]
     glue += proved_glue(parts[0].problem, seams, solutions)
+    proved = proved_cover(parts[0].problem, region, tree, parts[0].seed, solutions, tuple(glue))
+    _refuse_strangers(owner, proved.cover.found["reached"])
     merged = replace(
         parts[0],
         solutions=solutions,
-        proved=proved_cover(parts[0].problem, region, tree, parts[0].seed, solutions, tuple(glue)),
+        proved=proved,
         complete=all(part.complete for part in parts),
         region=region,
         tree=tree,
@@ -77,7 +79,6 @@ def merge_atlases(parts: list[Atlas]) -> Atlas:
             part.singular._replace(cell=place.of(part.singular.cell)) for part, place in zip(parts, places, strict=True)
         ),
     )
-    _refuse_strangers(owner, merged.proved.cover.found["reached"])
     return replace(merged, radius=float(certified_radius(merged, merged.region.reduce(merged.q0[None]))[0]))
 
 
