@@ -186,12 +186,12 @@ def certify_region(
                     builder.singular.append(found)
         except Stopped:
             complete = False
-    solutions, kept = proved_boxes(problem, builder.boxes)
-    if not kept.all():
-        builder.keep(kept)
-    seams = seams_of(problem, region, builder.tree, builder.boxes)
-    glue = proved_glue(problem, seams, (solutions,))
-    proved = proved_cover(problem, region, builder.tree, seed, (solutions,), glue)
+        solutions, kept = proved_boxes(problem, builder.boxes)
+        if not kept.all():
+            builder.keep(kept)
+        seams = seams_of(problem, region, builder.tree, builder.boxes)
+        glue = proved_glue(problem, seams, (solutions,))
+        proved = proved_cover(problem, region, builder.tree, seed, (solutions,), glue)
     return Atlas(
         names=names,
         q0=builder.q0,
