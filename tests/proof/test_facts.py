@@ -18,7 +18,7 @@ from ccpin.covering.proposals.krawczyk import certify_points
 from ccpin.domain import Atlas, certify, certify_path
 from ccpin.domain.atlas import cover as build
 from ccpin.domain.atlas import cover_claims
-from ccpin.proof.covers import one_function, over_region
+from ccpin.proof.covers import over_region
 from ccpin.proof.demanded import Demanded
 from ccpin.proof.equations import Closures, closures_of
 from ccpin.proof.facts import Fact, NotProvedError, ProvableClaim, Unproved, known, provable, prove, prove_some
@@ -504,18 +504,6 @@ def test_a_document_is_a_claim_until_it_is_replayed(atlas, tmp_path):
     replace(atlas, seed=seed).save(path)
     assert Atlas.load(path).verdict == "proven"
     assert Atlas.load(path, replay=True).verdict != "proven"
-
-
-def test_one_function_leaves_out_what_is_torn():
-    """Of a torn pair the later box, never the seed's; then all that no way over the other faces joins to the seed's."""
-    faces = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5]])
-    everything, none = [True] * 4 + [False] * 2, np.zeros((0, 2), dtype=int)
-    assert one_function(faces, none, 0, 6).tolist() == everything
-    assert one_function(faces, np.array([[2, 1]]), 0, 6).tolist() == [True, True, False, True, False, False]
-    assert one_function(faces, np.array([[2, 1]]), 2, 6).tolist() == [True, False, True, True, False, False]
-    assert one_function(faces, np.array([[1, 2], [2, 3]]), 1, 6).tolist() == [True, True, False, True, False, False]
-    assert one_function(faces[:2], np.array([[0, 1]]), 0, 3).tolist() == [True, False, False]
-    assert not one_function(faces, none, -1, 6).any()
 
 
 def test_a_path_is_followed_from_its_first_knot_to_its_last(rpdr):

@@ -166,9 +166,9 @@ def one_function(faces: Indices, unglued: Indices, start: int, count: int) -> Ma
     """
     kept = np.full(count, start >= 0)
     for a, b in np.sort(unglued, axis=1):
-        if kept[a] and kept[b]:
+        if kept[a]:
             kept[a if b == start else b] = False
-    return kept & _joined(faces[kept[faces].all(axis=1)], start, count)
+    return _joined(faces[kept[faces].all(axis=1)], start, count)
 
 
 class HalvedTree(NamedTuple):

@@ -128,6 +128,16 @@ ROOMS: tuple[Room, ...] = (
         (("moved = a * 134217729.0", "× 0.9", "halves of 26 bits and 27 have exact products too"),),
     ),
     Room(
+        "proof/covers",
+        ("halved", "LeafFaces.turns", "faces_of", "_parted", "one_function"),
+        ("proof/test_sharp_covers.py",),
+        (
+            ("ended = (child[pairs.upper] < 0)", "0 let in", "no part is the region: its cell would have two parents"),
+            ("tree.reached & (child >= 0)", "0 left out", "no part is the region: its cell would have two parents"),
+            ("first = child[pairs.upper] >= 0", "0 left out", "no part is the region: its cell would have two parents"),
+        ),
+    ),
+    Room(
         "proof/digests",
         ("digest", "_pieces", "_of_attributes", "require_same"),
         ("proof/test_sharp_digests.py",),
