@@ -15,7 +15,7 @@ from ccpin.errors import DescriptionNotFoundError, InvalidInputError
 from ccpin.native import VARIABLE
 
 AWAY = 1e-2
-"""How far σ's guess is from where it is asked, in rad."""
+"""How far from where σ is asked the configuration is that it is given, in rad."""
 
 
 @contextmanager

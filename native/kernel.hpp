@@ -381,26 +381,26 @@ class Kernel {
     }
   };
 
-  // The rows to close, and the guess of all of them closed once (at its own α).
+  // The rows to close, and what all of them are near, closed once (at its own α).
   struct Batch {
     Kernel& kernel;
     In Q;
-    ClosedPoint near;
+    ClosedPoint closed;
     bool good = false;
-    Batch(Kernel& k, const In& guess, const In& rows) : kernel(k), Q(rows) {
+    Batch(Kernel& k, const In& near, const In& rows) : kernel(k), Q(rows) {
       const Mechanism& m = k.m;
-      if (!rows.is_matrix(m.n_q) || (guess.given() && !(guess.is_vector(m.nq) && k.on_manifold(guess.data)))) return;
-      const double* start = guess.given() ? guess.data : m.reference.data();
+      if (!rows.is_matrix(m.n_q) || (near.given() && !(near.is_vector(m.nq) && k.on_manifold(near.data)))) return;
+      const double* start = near.given() ? near.data : m.reference.data();
       Pool::Lease w(k.pool_);
       std::vector<double> q(m.n_q);
       w->model.alpha(start, q.data());
-      good = w->model.sigma(q.data(), start) && !(guess.given() && m.turnable && !w->model.aligned());
-      if (good) w->model.remember(near, true);
+      good = w->model.sigma(q.data(), start) && !(near.given() && m.turnable && !w->model.aligned());
+      if (good) w->model.remember(closed, true);
     }
     bool close(Workspace& w, Py_ssize_t row) const {
       const double* q = Q.data + row * kernel.m.n_q;
       return In::finite(q, kernel.m.n_q) &&
-             kernel.close_at(w.model, q, [&](const double* x) { return w.model.sigma(x, near); });
+             kernel.close_at(w.model, q, [&](const double* x) { return w.model.sigma(x, closed); });
     }
   };
   static bool rows_of(const In& x, Py_ssize_t width, Py_ssize_t rows) { return x.is_matrix(width) && x.rows == rows; }

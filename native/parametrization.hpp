@@ -306,7 +306,7 @@ class Parametrization : public Continuation {
     coordinate_retract(k, q_ahead_.data() + k.q, step);
   }
 
-  // Closes an open guess at its own q, into `here_`: φ goes to zero along a straight line; false where that is blocked.
+  // Closes what is open at its own q, into `here_`: φ goes to zero along a straight line; false where that is blocked.
   bool close_start(const Cluster& c, ClusterState& s, const double* start) {
     alpha(start, q_ahead_.data());
     copy_cluster(c, start, q_free.data());

@@ -2,8 +2,8 @@
 
 The start has 𝒱 = 13.1 J, more than any certified level set of Theorem 3 around q_d reaches. An enclosure of the exact
 trajectory leads from there into {𝒱 < c} on q_d's branch, where Theorem 3 takes over. The level c that settles the
-matter is the one `certify_law` proves; the others show how the time of arrival depends on it. The last is about all
-starts within ±0.5° and ±0.02 rad/s, a robot's homing error: a minute or two. Needs python-flint.
+matter is the one `certify_set_point` proves; the others show how the time of arrival depends on it. The last is about
+all starts within ±0.5° and ±0.02 rad/s, a robot's homing error: a minute or two. Needs python-flint.
 """
 
 import sys
@@ -27,7 +27,7 @@ def main(*levels: float) -> bool:
     """Certify the move for each case (or each level given) and print a table; True where all are proven."""
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
     law = ccpin.control.PDSimpleGravity(model, Q_GOAL, K_P, K_V)
-    certificate = ccpin.control.certify_law(law)
+    certificate = ccpin.control.certify_set_point(model, Q_GOAL, K_P, K_V)
     cases = [(level, 0.0) for level in (certificate.level, *(levels or LEVELS))]
     cases += [] if levels else [(certificate.level, SPREAD)]
     print(f"Theorem 3 is proved for c = {certificate.level:.4f} J (rigorous: {certificate.rigorous})")

@@ -23,7 +23,6 @@ from ccpin.control import (
     PDPlus,
     PDSimpleGravity,
     PointToPoint,
-    TrackingLaw,
 )
 from ccpin.files import write_atomically
 from ccpin.plotting import COLOURS, STYLE
@@ -88,7 +87,7 @@ def cost(law, motion):
 
 def tracking_error(law, motion):
     """Largest |q_d − q| along the move, radians; none for a step."""
-    if not isinstance(law, TrackingLaw) or isinstance(law.reference, Hold):
+    if isinstance(law, PDSimpleGravity | PDFullGravity) or isinstance(law.reference, Hold):
         return None
     return max(float(np.abs(law.error(t, q)).max()) for t, q in zip(motion.t, motion.q, strict=True))
 

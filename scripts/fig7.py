@@ -13,7 +13,7 @@ def main(out: Path = OUT) -> None:
     item = paper.figure7(study)
     for drawing in item.drawings:
         plotting.save(drawing.figure, out / f"{drawing.name}.png")
-    for row in paper.radii(study):
+    for row in study.radii:
         print(f"({row.centre[0]:.0f}°, {row.centre[1]:.0f}°): r = {row.theorem2:.2f}° ours, {row.paper:g}° the paper's")
     print(f"figure in {out}/")
 

@@ -12,7 +12,6 @@ import numpy as np
 
 import ccpin
 from ccpin import paper, plotting
-from ccpin.control import CoulombCompensation
 from ccpin.files import write_atomically
 from ccpin.simulation import set_point_metrics
 
@@ -27,21 +26,21 @@ def main(out: Path = OUT) -> None:
     model, law = study.model, study.law
     runs = {
         "ideal": (law, {}),
-        "bench": (law, paper.BENCH),
-        "bench_towards_goal": (CoulombCompensation(law, paper.ESTIMATE, paper.START), paper.BENCH),
-        "bench_by_error": (CoulombCompensation(law, paper.ESTIMATE, width=paper.WIDTH), paper.BENCH),
+        "bench": (law, study.bench_options),
+        "bench_towards_goal": (study.towards_goal, study.bench_options),
+        "bench_by_error": (study.by_error, study.bench_options),
     }
     metrics = {}
-    friction = paper.BENCH["friction"]
-    print(f"RPDR, point to point with the bench on: friction {friction}, {paper.BENCH['sampling']}")
+    friction = study.bench_options["friction"]
+    print(f"RPDR, point to point with the bench on: friction {friction}, {study.bench_options['sampling']}")
     for name, (controller, bench) in runs.items():
         began = time.process_time()
-        motion = ccpin.simulate(model, controller, paper.START, duration=DURATION, **bench)
+        motion = ccpin.simulate(model, controller, study.start, duration=DURATION, **bench)
         cost = (time.process_time() - began) / DURATION
-        metrics[name] = set_point_metrics(motion, model, paper.GOAL, BAND).as_json()
+        metrics[name] = set_point_metrics(motion, model, study.goal, BAND).as_json()
         motion.save(out / f"{name}.csv")
         title = f"RPDR, point to point (Fig. 9): {name.replace('_', ' ')}"
-        plotting.save(plotting.plot_motion(motion, model, paper.GOAL, title), out / f"fig9_{name}.png")
+        plotting.save(plotting.plot_motion(motion, model, study.goal, title), out / f"fig9_{name}.png")
         settled = metrics[name]["settling_time"]
         print(
             f"  {name:18s} "
@@ -52,7 +51,8 @@ def main(out: Path = OUT) -> None:
         )
     write_atomically(out / "metrics.json", "w", lambda file: json.dump(metrics, file, indent=2))
     print(
-        f"  friction alone explains up to {np.degrees(friction['joint1'][0] / paper.K_P[0]):.2f}° (Coulomb level / K_p)"
+        "  friction alone explains up to "
+        f"{np.degrees(friction['joint1'][0] / law.K_p[0, 0]):.2f}° (Coulomb level / K_p)"
     )
     print(f"  figures and data in {out}/")
 

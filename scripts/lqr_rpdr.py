@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solve_continuous_are
 
 import ccpin
-from ccpin.dynamics import closed_loop_derivative, linearize
+from ccpin.dynamics import linearize
 
 Q_GOAL = np.radians([90.0, 90.0])
 UPWARD = np.radians([90.0, -30.0, 90.0, 30.0])  # joint1, joint3, joint2, joint4: the assembly mode
@@ -22,15 +22,15 @@ def main() -> None:
     """Linearise about the upright equilibrium, solve the Riccati equation, and simulate the closed loop."""
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
     effort = model.gravity(Q_GOAL, UPWARD)
-    linear = linearize(model, Q_GOAL, effort, guess=UPWARD)
+    linear = linearize(model, Q_GOAL, effort, near=UPWARD)
     riccati = solve_continuous_are(linear.A, linear.B, STATE_WEIGHT, EFFORT_WEIGHT)
     gain = np.linalg.solve(EFFORT_WEIGHT, linear.B.T @ riccati)
-    closed = closed_loop_derivative(linear, -gain[:, :2], -gain[:, 2:])
+    closed = linear.closed_loop(-gain[:, :2], -gain[:, 2:])
 
     def law(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         return effort - gain @ np.concatenate([q - Q_GOAL, v])
 
-    trajectory = ccpin.simulate(model, law, Q_START, duration=DURATION, guess=UPWARD)
+    trajectory = ccpin.simulate(model, law, Q_START, duration=DURATION, near=UPWARD)
     error = np.degrees(np.abs(trajectory.q - Q_GOAL).max(axis=1))
     print(f"RPDR upright, held by {effort.round(4)} N m")
     print(f"  eigenvalues without control {_show(np.linalg.eigvals(linear.A))} 1/s")

@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 import ccpin
-from ccpin import plotting
+from ccpin import plotting, sweep
 from ccpin.control import PDSimpleGravity
 from ccpin.description import scaled
-from ccpin.simulation import Sweep, latin_hypercube, set_point_metrics, sweep
+from ccpin.simulation import latin_hypercube, set_point_metrics
 
 OUT = Path("out/monte_carlo")
 Q_START = np.radians([-150.0, -160.0])
@@ -49,7 +49,7 @@ def move(case: dict[str, float], nominal: ccpin.ReducedModel) -> dict[str, objec
     return found | {"status": motion.status, "q1": degrees[:, 0].tolist(), "q2": degrees[:, 1].tolist()}
 
 
-def draw(study: Sweep) -> Figure:
+def draw(study) -> Figure:
     """Motions as bands, and what spreads: settling time, overshoot and the error that friction leaves."""
     rows = [row for row in study.results if row is not None]
     with rc_context(plotting.STYLE):

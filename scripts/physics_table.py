@@ -11,7 +11,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from ccpin.description import MechanismDescription, read_description
+from ccpin import MechanismDescription
+from ccpin.description import read_description
 from ccpin.errors import DescriptionError
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "physics.md"

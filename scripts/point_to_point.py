@@ -20,7 +20,7 @@ def main(out: Path = OUT) -> None:
     """Simulate the motion under PD with simple gravity compensation (28) and write everything there is to see."""
     study = paper.Study()
     trajectory = study.ideal
-    metrics = set_point_metrics(trajectory, study.model, paper.GOAL, BAND)
+    metrics = set_point_metrics(trajectory, study.model, study.goal, BAND)
     trajectory.save(out / "motion.csv")
     trajectory.save(out / "motion.npz")
     write_atomically(out / "metrics.json", "w", lambda file: json.dump(metrics.as_json(), file, indent=2))

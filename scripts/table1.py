@@ -17,7 +17,7 @@ OUT = Path("out/domain")
 def main(out: Path = OUT) -> None:
     """Compute and print the table; write it as JSON."""
     study = paper.Study()
-    rows = paper.radii(study)
+    rows = study.radii
     names = ("paper", "closest", "theorem2", "reach", "planar", "atlas", "exact")
     print("centre            " + "".join(f"{name:>10}" for name in names))
     for row in rows:

@@ -26,18 +26,19 @@ def main(out: Path = OUT) -> None:
     print(f"largest level with B2 inside Omega: c >= {certificate.level_domain:.3f} J (proved)")
     print(f"largest level with the gain condition too: c = {certificate.level:.3f} J (proved), limited at")
     print(f"  {_degrees(certificate.touch)}; beta = {certificate.beta:.6f} < k_p = {certificate.gain:g} N m/rad on B2")
-    print(f"V at the paper's start {_degrees(paper.START)}: {found.start:.3f} J, {_word(certificate, paper.START)}")
+    word = _word(certificate.contains(study.start))
+    print(f"V at the paper's start {_degrees(study.start)}: {found.start:.3f} J, {word}")
     print(f"furthest start towards it that is covered: {_degrees(found.near)}")
     if found.move is not None:
         print(f"the paper's start by validated integration: {found.move.verdict}, from {found.move.time:.3f} s")
-    for name, q in (("paper", paper.START), ("inside", found.near)):
+    for name, q in (("paper", study.start), ("inside", found.near)):
         trajectory = ccpin.simulate(study.model, law, q, duration=DURATION, sample_period=2e-3)
         history = lyapunov_along(law, trajectory)
-        error = np.degrees(np.abs(trajectory.q[-1] - paper.GOAL).max())
-        title = f"RPDR from {_degrees(q)}: {_word(certificate, q)}"
+        error = np.degrees(np.abs(trajectory.q[-1] - study.goal).max())
+        title = f"RPDR from {_degrees(q)}: {_word(certificate.contains(q))}"
         plotting.save(plotting.plot_lyapunov(trajectory.t, history, certificate.level, title), out / f"{name}.png")
         print(f"  simulated from {_degrees(q)}: off by {error:.1e} deg after {DURATION} s")
-    plotting.save(plotting.plot_sublevel(certificate, [paper.START, found.near]), out / "sublevel.png")
+    plotting.save(plotting.plot_sublevel(certificate, [study.start, found.near]), out / "sublevel.png")
     print(f"figures in {out}/")
 
 
@@ -45,8 +46,8 @@ def _degrees(q: np.ndarray) -> str:
     return "(" + ", ".join(f"{value:.2f}°" for value in np.degrees(q)) + ")"
 
 
-def _word(certificate: ccpin.control.SetPointCertificate, q: np.ndarray) -> str:
-    return "inside B2" if certificate.contains(q) else "outside of B2: Theorem 3 does not cover it"
+def _word(covered: bool) -> str:
+    return "inside B2" if covered else "outside of B2: Theorem 3 does not cover it"
 
 
 if __name__ == "__main__":

@@ -21,7 +21,6 @@ from ccpin import containers
 from ccpin.domain import Atlas, SheetAtlas, SingularCover, certify, certify_sheets, certify_singularities
 from ccpin.domain.closures.packing import fingerprint
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.simulation import load_npz
 from tests.support.damage import TooSlow, time_limit
 from tests.support.damaged import altered, bytes_of, damaged, parts_of
 from tests.support.paper import START
@@ -55,7 +54,7 @@ KINDS = {
     "curves.json": Kind(
         lambda: certify_singularities(ccpin.load("rpdr"), ((0.9, 2.2), (1.0, 2.3))), SingularCover.load, ".json"
     ),
-    "motion.npz": Kind(_motion, load_npz, ".npz"),
+    "motion.npz": Kind(_motion, ccpin.Trajectory.load, ".npz"),
 }
 
 
@@ -218,7 +217,7 @@ def test_a_trajectory_of_before_formats_is_told(tmp_path):
     """What was saved compressed and without a header."""
     np.savez_compressed(tmp_path / "old.npz", t=np.zeros(3), q=np.zeros((3, 2)))
     with pytest.raises(InvalidInputError, match="an older format"):
-        load_npz(tmp_path / "old.npz")
+        ccpin.Trajectory.load(tmp_path / "old.npz")
 
 
 def _npy(dtype, shape, data=b""):
@@ -269,7 +268,7 @@ def test_a_bomb_is_not_unpacked(method, tmp_path):
     with zipfile.ZipFile(path, "w", method) as archive:
         archive.writestr("bomb.npy", b"\0" * 80_000_000)
     _refused_in_little_memory(path)
-    _refused_in_little_memory(path, load_npz)
+    _refused_in_little_memory(path, ccpin.Trajectory.load)
 
 
 def test_encrypted_and_unknown_members_are_refused(whole, tmp_path):
@@ -298,7 +297,7 @@ def test_a_folder_or_nothing_is_refused(tmp_path):
         with pytest.raises(InvalidInputError):
             Atlas.load(path)
         with pytest.raises(InvalidInputError):
-            load_npz(path)
+            ccpin.Trajectory.load(path)
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".json"])

@@ -144,14 +144,14 @@ def test_wrong_q(rpdr_model, q, message):
 
 @pytest.mark.parametrize("wrong", [[1.0], [np.nan, 0.0], [1.0, 2.0, 3.0], "speed"])
 def test_other_arguments(rpdr_model, wrong):
-    """v, u, a, the guess, q′, q̇′ and batches are checked too, by name."""
+    """v, u, a, `near`, q′, q̇′ and batches are checked too, by name."""
     zero = [0.0, 0.0]
     for name, call in (
         ("v", lambda: rpdr_model.terms(CLOSED, wrong)),
         ("v", lambda: rpdr_model.forward_dynamics(CLOSED, wrong, zero)),
         ("u", lambda: rpdr_model.forward_dynamics(CLOSED, zero, wrong)),
         ("a", lambda: rpdr_model.inverse_dynamics(CLOSED, zero, wrong)),
-        ("guess", lambda: rpdr_model.sigma(CLOSED, wrong)),
+        ("near", lambda: rpdr_model.sigma(CLOSED, wrong)),
         ("q_free", lambda: rpdr_model.rho(wrong)),
         ("v_free", lambda: rpdr_model.rho_dot(rpdr_model.sigma(CLOSED), wrong)),
         ("Q", lambda: rpdr_model.sigma_many(wrong)),
@@ -182,10 +182,10 @@ def test_unreachable_and_singular(rpdr_model):
         rpdr_model.sigma([-np.pi, 0.0])
     names = list(rpdr_model.mechanism.pin_model.names)[1:]
     q = oracle.coincident_elbows()
-    guess = np.empty(4)
-    guess[[names.index(name) for name in oracle.FREE]] = oracle.sigma(q + [0.02, 0.01], 1)
+    near = np.empty(4)
+    near[[names.index(name) for name in oracle.FREE]] = oracle.sigma(q + [0.02, 0.01], 1)
     with pytest.raises(SingularConfigurationError, match=r"q = \[0.9938\d+, 2.1477\d+\]"):
-        rpdr_model.sigma(q, guess)
+        rpdr_model.sigma(q, near)
 
 
 def test_loop_that_cannot_close(rpdr):

@@ -8,7 +8,8 @@ import threading
 
 import pytest
 
-from ccpin import auditing, domain, simulation
+import ccpin
+from ccpin import auditing, domain
 from ccpin.errors import InvalidInputError
 from ccpin.files import Journal, write_atomically
 
@@ -208,7 +209,7 @@ def test_nobody_waits_for_a_pipe(tmp_path):
     """Documents, motions and journals are read from regular files; a pipe into which nobody writes held for ever."""
     path = tmp_path / "pipe.npz"
     os.mkfifo(path)
-    for read in (domain.Atlas.load, simulation.load_npz, lambda file: list(auditing.verify(file).claims)):
+    for read in (domain.Atlas.load, ccpin.Trajectory.load, lambda file: list(auditing.verify(file).claims)):
         with pytest.raises(InvalidInputError, match="no regular file"):
             read(path)
     with pytest.raises(InvalidInputError, match="no regular file"):

@@ -6,9 +6,9 @@ import pytest
 pytest.importorskip("gymnasium")
 
 import ccpin
+from ccpin import Simulator
 from ccpin.errors import InvalidInputError
 from ccpin.gym import MechanismEnv
-from ccpin.simulation import Simulator
 from tests.support.carriage import carriage
 
 
@@ -35,7 +35,7 @@ def test_an_episode_is_the_simulators_motion():
     env = MechanismEnv("rpdr", effort_squared, start=shaken, period=0.02)
     observed, info = env.reset(seed=5)
     simulator = Simulator(ccpin.load("rpdr"))
-    simulator.reset(observed[:2], observed[2:], guess=info["sample"].q_free)
+    simulator.reset(observed[:2], observed[2:], near=info["sample"].q_free)
     for u in ([1.0, -0.5], [0.3, 0.2], [40.0, 0.0]):
         observed, reward, terminated, truncated, info = env.step(np.array(u))
         sample = simulator.step(u, 0.02)

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import ccpin
 from ccpin import domain
-from ccpin.simulation import load_npz
 
 JUDGED = (0, 3, 4)  # exit codes of what was done, whatever was found
 ANSWERED = 2.5  # s, on a machine that does other things: half a second of ccpin's, the rest Python's own end
@@ -77,7 +77,7 @@ def content(name, folder):
     file = folder / "out.npz"
     if name == "simulate":
         files = sorted((folder / "out").glob("*.npz")) if (folder / "out").is_dir() else []
-        return [load_npz(each).q.shape for each in files] or None
+        return [ccpin.Trajectory.load(each).q.shape for each in files] or None
     if name == "report":
         page = folder / "out.html"
         return (

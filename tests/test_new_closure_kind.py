@@ -11,6 +11,7 @@ import ccpin
 from ccpin import domain
 from ccpin.description import CLOSURE_KINDS
 from ccpin.description.closure_kinds import GAP, Fixed, LoopRows, Product, Y, Z
+from ccpin.domain import theorem2
 from tests.oracles.finite_differences import assert_close, derivative
 
 CRANK, ROD = 0.2, 0.5
@@ -69,7 +70,7 @@ def test_the_table_is_all_it_takes(mechanism):
 def test_certificates_and_forces_follow(mechanism):
     """Bounds, atlas and the wrench in the slot, which does no work along it."""
     model = ccpin.ReducedModel(mechanism)
-    assert domain.theorem2_radius(mechanism, mechanism.q_reference) > 0
+    assert theorem2(mechanism, mechanism.q_reference).radius > 0
     assert domain.kantorovich_radius(mechanism, mechanism.q_reference) > 0
     path = domain.certify_path(mechanism, [[-0.5], [0.5]], tube=0.01)
     assert path.verdict == "proven"

@@ -9,7 +9,8 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.cli import main
-from ccpin.control import Budget, PDFullGravity, PDSimpleGravity, certify_set_point
+from ccpin.control import PDFullGravity, PDSimpleGravity, certify_set_point
+from ccpin.domain import theorem2
 from ccpin.dynamics import assembly_modes
 from ccpin.visualization import animate
 from tests.support.walkthrough import NAMES, file
@@ -83,7 +84,7 @@ def test_sigma_is_certified(name, backend, monkeypatch):
     """A square about the reference by Theorem 2, by one box and by the atlas, and the way to the goal."""
     monkeypatch.setenv("CCPIN_BACKEND", backend)
     mechanism, (start, goal) = ccpin.load(file(name)), start_and_goal(name)
-    assert domain.theorem2_radius(mechanism, mechanism.q_reference) > 0.05
+    assert theorem2(mechanism, mechanism.q_reference).radius > 0.05
     assert domain.kantorovich_radius(mechanism, mechanism.q_reference) > 0.05
     atlas = domain.certify(mechanism, start, (start - 0.1, start + 0.1))
     assert (atlas.certified_fraction, atlas.single_valued) == (1.0, True)
@@ -98,7 +99,7 @@ def test_a_set_point_is_certified(name):
     """Theorem 3 about the reference: a basin of positive size."""
     model = model_of(name)
     _, goal = start_and_goal(name)
-    proof = certify_set_point(model, goal, *gains(model, goal), budget=Budget(depth=6, cells=200))
+    proof = certify_set_point(model, goal, *gains(model, goal), max_depth=6, budget=200)
     assert proof.verdict == "proven"
     assert proof.level > 0.0
 

@@ -9,7 +9,17 @@ import pytest
 
 import ccpin
 from ccpin import control, description, domain, dynamics, mechanism, plotting, simulation, validated, visualization
+from ccpin.control.laws import NoTorque
+from ccpin.control.online import capped_sigma
+from ccpin.control.stability.set_point.theorem3 import certify_law
+from ccpin.control.stability.set_point.well import sample_region
+from ccpin.description.finding import find_file, installed_models
+from ccpin.domain import scalar_coordinates_at
+from ccpin.domain.atlas.square import newton_steps
 from ccpin.errors import CcpinError
+from ccpin.plotting.motion import plot_configuration_panels
+from ccpin.simulation.plant.stick_slip import friction_force
+from ccpin.simulation.results.forces import closure_forces_at
 
 ROOMS = ("control", "description", "domain", "dynamics", "mechanism", "plotting", "simulation", "validated")
 WRONG = (None, "rpbr", -1, np.nan, [], [[1.0, 2.0]], np.zeros((3, 3)), {"a": 1}, [object()], np.ones(2) * 1j, 10**400)
@@ -47,14 +57,13 @@ class Bench:
         self.atlas = domain.certify(self.whole, self.q, region=self.box)
         self.sheets = domain.certify_sheets(self.whole, self.box, max_depth=2)
         self.cover = domain.certify_singularities(self.whole, self.box)
-        self.certificate = control.certify_law(self.law, self.box)
+        self.certificate = certify_law(self.law, self.box)
 
     def methods(self, thing, skip=()):
         """The public methods of a thing, each with arguments that are right."""
         right = {"q": self.q, "v": self.rest, "a": self.rest, "u": self.rest, "force": self.rest, "wrenches": None}
         right |= {
             "state": self.state,
-            "guess": None,
             "near": None,
             "q_free": self.q_free,
             "v_free": np.zeros(4),
@@ -85,7 +94,7 @@ def _ccpin(b):
     load = {"path": "rpdr", "closures": (), "couplings": (), "independent": names, "actuated": names, "joints": {}}
     load |= {"motors": {}, "format": None, "model": None, "include_root": None, "xacro": False, "xacro_arguments": None}
     load |= {"reference": reference, "geometry": None, "constraints": (), "geometry_tolerance": 1e-5}
-    run = {"model": b.model, "controller": b.law, "q0": b.q, "v0": b.rest, "duration": 0.005, "guess": None}
+    run = {"model": b.model, "controller": b.law, "q0": b.q, "v0": b.rest, "duration": 0.005, "near": None}
     run |= {"method": "RK45", "rtol": 1e-6, "atol": 1e-6, "sample_period": 0.005, "max_step": 1.0, "region": None}
     run |= {"settling": None, "friction": None, "wrenches": None, "sampling": None, "singular_rcond": 1e-7}
     closure = {"name": "a", "kind": "fixed", "link_a": "a", "link_b": "b", "placement_a": np.eye(4), "length": None}
@@ -103,14 +112,14 @@ def _ccpin(b):
 
 
 def _control(b):
-    pd = {"model": b.model, "q_d": b.q, "K_p": [50, 50], "K_v": [5, 5], "guess": None}
-    tracking = {"model": b.model, "reference": b.hold, "K_p": [50, 50], "K_v": [5, 5], "guess": None}
+    pd = {"model": b.model, "q_d": b.q, "K_p": [50, 50], "K_v": [5, 5], "near": None}
+    tracking = {"model": b.model, "reference": b.hold, "K_p": [50, 50], "K_v": [5, 5], "near": None}
     online = control.OnlineSigma(b.model, b.q_free)
     poses = [b.effector.pose(b.q), b.effector.pose(b.q + 0.01)]
     sampling = {"period": 0.001, "encoder_counts": 1000, "velocity_cutoff": 10.0, "saturation": 1.0, "delay": 1}
-    newton = {"parametrization": b.whole.parametrization(), "q": b.q, "start": b.q_free, "max_newton_steps": 4}
+    newton = {"parametrization": b.whole.parametrization(), "q": b.q, "near": b.q_free, "max_newton_steps": 4}
     return {
-        "NoTorque": (control.NoTorque, {"model": b.model}),
+        "NoTorque": (NoTorque, {"model": b.model}),
         "TorqueFunction": (control.TorqueFunction, {"function": lambda t, q, v: b.rest}),
         "PDSimpleGravity": (control.PDSimpleGravity, pd),
         "PDFullGravity": (control.PDFullGravity, pd),
@@ -140,10 +149,10 @@ def _control(b):
         ),
         "through_points": (
             control.through_points,
-            {"end_effector": b.effector, "times": [0, 1], "targets": poses, "degree": 5, "guess": None},
+            {"end_effector": b.effector, "times": [0, 1], "targets": poses, "degree": 5, "near": None},
         ),
-        "capped_sigma": (control.capped_sigma, newton | {"tolerance": 1e-9}),
-        "certify_law": (control.certify_law, {"law": b.law, "domain": b.box, "budget": None}),
+        "capped_sigma": (capped_sigma, newton | {"tolerance": 1e-9}),
+        "certify_law": (certify_law, {"law": b.law, "domain": b.box, "max_depth": None, "budget": None}),
         "certify_tracking": (
             control.certify_tracking,
             {"law": b.tracking, "sigma_error": 1e-4, "disturbance": 0.0, "initial_error": 0.0, "initial_speed": 0.0}
@@ -153,21 +162,21 @@ def _control(b):
             control.largest_sigma_error,
             {"law": b.tracking, "disturbance": 0.0, "initial_error": 0.0, "initial_speed": 0.0, "cells": 4},
         ),
-        "certify_set_point": (control.certify_set_point, pd | {"domain": b.box, "budget": None}),
+        "certify_set_point": (control.certify_set_point, pd | {"domain": b.box, "max_depth": None, "budget": None}),
         "sample_region": (
-            control.sample_region,
+            sample_region,
             {"model": b.model, "lower": b.box[0], "upper": b.box[1], "q_free_d": b.q_free, "points": 50},
         ),
         "local_gains": (
             control.local_gains,
-            {"model": b.model, "q_d": b.q, "frequency": 10.0, "damping": 1.0, "guess": None},
+            {"model": b.model, "q_d": b.q, "frequency": 10.0, "damping": 1.0, "near": None},
         ),
         "suggest_gains": (
             control.suggest_gains,
-            {"model": b.model, "q_d": b.q, "domain": b.box, "margin": 1.5, "damping": 0.7, "guess": None},
+            {"model": b.model, "q_d": b.q, "domain": b.box, "margin": 1.5, "damping": 0.7, "near": None},
         ),
-        "PDSimpleGravity.torque": (b.law.torque, {"q": b.q, "v": b.rest, "t": 0.0, "guess": None}),
-        "PDSimpleGravity.lyapunov": (b.law.lyapunov, {"q": b.q, "v": b.rest, "guess": None}),
+        "PDSimpleGravity.torque": (b.law.torque, {"q": b.q, "v": b.rest, "t": 0.0, "near": None}),
+        "PDSimpleGravity.lyapunov": (b.law.lyapunov, {"q": b.q, "v": b.rest, "near": None}),
         "SetPointCertificate.contains": (b.certificate.contains, {"q": b.q, "v": b.rest}),
     }
 
@@ -190,8 +199,8 @@ def _description(b):
             description.scaled,
             {"description": b.whole.description, "masses": 1.1, "lengths": {b.link: 1.0}, "friction": 1.0},
         ),
-        "find_file": (description.find_file, {"path": "rpdr"}),
-        "installed_models": (description.installed_models, {}),
+        "find_file": (find_file, {"path": "rpdr"}),
+        "installed_models": (installed_models, {}),
         "combine": (
             description.combine,
             {"name": "a", "parts": parts, "links": (), "joints": (), "closures": (), "root": "world"},
@@ -202,14 +211,14 @@ def _description(b):
 def _domain(b):
     path = [b.q, b.q + 0.02]
     x = b.tip.pose(b.q)[[0, 2], 3]
-    asked = {"end_effector": b.tip, "guess": None, "limits": True, "dexterity": 0.0, "length": None, "seconds": None}
+    asked = {"end_effector": b.tip, "near": None, "limits": True, "dexterity": 0.0, "length": None, "seconds": None}
     asked |= {"bounds": "auto"}
     largest = asked | {"centre": x, "proportions": 1.0, "tilt": 0.0, "within": 0.01, "tolerance": 0.5, "work": None}
     curves = {"starts": 2, "step": 0.05, "limit": 10}
     return {
         "certify": (
             domain.certify,
-            {"mechanism": b.whole, "q0": b.q, "region": b.box, "guess": None, "max_depth": 2, "bounds": "auto"}
+            {"mechanism": b.whole, "q0": b.q, "region": b.box, "near": None, "max_depth": 2, "bounds": "auto"}
             | {"resolution": 0.1, "fraction": 0.5, "seconds": None},
         ),
         "certify_sheets": (
@@ -242,23 +251,22 @@ def _domain(b):
         "scaled_links": (domain.scaled_links, {"source": "rpdr", "links": {"arms": ("link1", "link2")}}),
         "certify_path": (
             domain.certify_path,
-            {"mechanism": b.whole, "path": path, "tube": 1e-3, "guess": None, "bounds": "auto"},
+            {"mechanism": b.whole, "path": path, "tube": 1e-3, "near": None, "bounds": "auto"},
         ),
         "kantorovich_radius": (domain.kantorovich_radius, {"mechanism": b.whole, "q_free": b.q_free, "bounds": "auto"}),
         "newton_steps": (
-            domain.newton_steps,
+            newton_steps,
             {"mechanism": b.whole, "q_free": b.q_free, "radius": 0.01, "accuracy": 1e-12, "bounds": "auto"},
         ),
         "theorem2": (domain.theorem2, {"mechanism": b.whole, "q_free": b.q_free}),
-        "theorem2_radius": (domain.theorem2_radius, {"mechanism": b.whole, "q_free": b.q_free}),
         "singularities": (domain.singularities, {"mechanism": b.whole, **curves}),
         "serial_singularities": (
             domain.serial_singularities,
             {"mechanism": b.whole, "link": b.link, "point": (0, 0, 0), **curves},
         ),
-        "singularity_distance": (domain.singularity_distance, {"mechanism": b.whole, "path": path, "guess": None}),
+        "singularity_distance": (domain.singularity_distance, {"mechanism": b.whole, "path": path, "near": None}),
         "certified_radius": (domain.certified_radius, {"atlas": b.atlas, "q": [b.q]}),
-        "scalar_coordinates_at": (domain.scalar_coordinates_at, {"mechanism": b.whole, "q_free": b.q_free}),
+        "scalar_coordinates_at": (scalar_coordinates_at, {"mechanism": b.whole, "q_free": b.q_free}),
     }
 
 
@@ -272,12 +280,9 @@ def _dynamics(b):
         "assembly_modes": (dynamics.assembly_modes, {"model": b.model, "q": b.q, "patience": 5, "limit": 20}),
         "linearize": (
             dynamics.linearize,
-            {"model": b.model, "q": b.q, "u": b.rest, "v": b.rest, "guess": None, "wrenches": None},
+            {"model": b.model, "q": b.q, "u": b.rest, "v": b.rest, "near": None, "wrenches": None},
         ),
-        "closed_loop_derivative": (
-            dynamics.closed_loop_derivative,
-            {"linearization": linear, "du_dq": np.eye(2), "du_dv": np.eye(2)},
-        ),
+        "Linearization.closed_loop": (linear.closed_loop, {"du_dq": np.eye(2), "du_dv": np.eye(2)}),
         "Wrench": (push, {"force": np.ones(3), "moment": (0, 0, 0), "point": (0, 0, 0)}),
     }
 
@@ -300,27 +305,27 @@ def _options(b):
 
 def _simulation(b):
     forces = {"model": b.model, "trajectory": b.run, "wrenches": None}
-    at = {"model": b.model, "q": b.q, "v": b.rest, "u": b.rest, "guess": None, "wrenches": None}
+    at = {"model": b.model, "q": b.q, "v": b.rest, "u": b.rest, "near": None, "wrenches": None}
     near = simulation.Settling(b.q, hold=0.002)
     supervised = {"model": b.model, "q0": b.q, "goals": [b.q], "wait": 0.003, "settling": near, "timeout": 0.01}
-    supervised |= {"law_to": lambda goal, q_free: control.PDSimpleGravity(b.model, goal, 50, 5, q_free), "guess": None}
+    supervised |= {"law_to": lambda goal, q_free: control.PDSimpleGravity(b.model, goal, 50, 5, q_free), "near": None}
     metrics = {"trajectory": b.run, "mechanism": b.whole, "goal": b.q, "band": 0.03}
     return {
         "closure_forces": (simulation.closure_forces, forces),
         "joint_forces": (simulation.joint_forces, forces),
-        "closure_forces_at": (simulation.closure_forces_at, at),
-        "friction_force": (simulation.friction_force, at | {"friction": (0.1, 0.1)}),
-        "load_npz": (simulation.load_npz, {"path": b.folder / "absent.npz"}),
+        "closure_forces_at": (closure_forces_at, at),
+        "friction_force": (friction_force, at | {"friction": (0.1, 0.1)}),
+        "Trajectory.load": (ccpin.Trajectory.load, {"path": b.folder / "absent.npz"}),
         "lyapunov_along": (simulation.lyapunov_along, {"law": b.law, "trajectory": b.run}),
         "set_point_metrics": (simulation.set_point_metrics, metrics),
         "supervise": (simulation.supervise, supervised),
         "Trajectory.then": (b.run.then, {"other": b.run}),
         "Trajectory.states": (lambda model: list(b.run.states(model)), {"model": b.model}),
         "Trajectory.save": (b.run.save, {"path": b.folder / "t.npz"}),
-        "Simulator": (simulation.Simulator, _options(b)),
+        "Simulator": (ccpin.Simulator, _options(b)),
         "demands": (simulation.demands, forces),
         "exceeded": (simulation.exceeded, {"model": b.model, "trajectory": b.run}),
-        "sweep": (simulation.sweep, {"task": _nothing, "cases": [{}, {}], "seed": 1, "path": None, "progress": None}),
+        "sweep": (ccpin.sweep, {"task": _nothing, "cases": [{}, {}], "seed": 1, "path": None, "progress": None}),
         "Disturbance": (simulation.Disturbance, {"pushes": ()}),
         "grid": (simulation.grid, {"values": {"a": [1, 2]}}),
         "sobol": (simulation.sobol, {"ranges": {"a": (0.0, 1.0)}, "count": 2, "seed": 0}),
@@ -329,7 +334,7 @@ def _simulation(b):
 
 
 def _validated(b):
-    run = {"model": b.model, "law": b.law, "q0": b.q, "v0": b.rest, "duration": 1e-3, "guess": None}
+    run = {"model": b.model, "law": b.law, "q0": b.q, "v0": b.rest, "duration": 1e-3, "near": None}
     run |= {"precision": 64, "order": 4, "tolerance": 1e-6, "pieces": 2}
     spread = {"spread": 1e-6, "parts": 1, "cells": 1}
     return {
@@ -364,7 +369,7 @@ def _plotting(b):
     return {
         "plot_motion": (plotting.plot_motion, {"trajectory": b.run, "mechanism": b.whole, "goal": b.q, "title": None}),
         "plot_configurations": (plotting.plot_configurations, poses | {"configurations": [b.q_free]}),
-        "plot_configuration_panels": (plotting.plot_configuration_panels, poses | {"panels": [("a", [b.q_free])]}),
+        "plot_configuration_panels": (plot_configuration_panels, poses | {"panels": [("a", [b.q_free])]}),
         "plot_lyapunov": (plotting.plot_lyapunov, {"t": b.run.t, "history": history, "level": None, "title": None}),
         "plot_atlas": (plotting.plot_atlas, area | {"atlas": b.atlas}),
         "plot_sheets": (

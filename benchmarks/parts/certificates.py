@@ -12,7 +12,7 @@ from typing import NamedTuple
 import ccpin
 from benchmarks.measured import Measured, Options
 from benchmarks.timing import timed
-from ccpin.description import MechanismDescription
+from ccpin import MechanismDescription
 from ccpin.domain import Atlas, certify, kantorovich_radius, scalar_coordinates_at
 from ccpin.errors import UnsupportedMechanismError
 from tests.support.rods import rod_ankle, rod_stewart

@@ -18,7 +18,7 @@ from benchmarks.peers.mujoco import MuJoCo
 from benchmarks.peers.pinocchio import Pinocchio
 from benchmarks.subjects import Place, backends, model_on, place
 from benchmarks.timing import Timing, exponent, in_turn, timed
-from ccpin.description import MechanismDescription
+from ccpin import MechanismDescription
 from tests.support import families
 
 PART, LOAD, WHO = "families", "load", "ccpin"

@@ -93,7 +93,7 @@ class Stepping:
     def __call__(self) -> None:
         """A step."""
         if self.taken == STRETCH:
-            self.simulator.reset(self.at.q, self.at.v, guess=self.at.q_free)
+            self.simulator.reset(self.at.q, self.at.v, near=self.at.q_free)
             self.taken = 0
         self.simulator.step(self.at.u, PERIOD)
         self.taken += 1

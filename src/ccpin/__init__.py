@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ccpin import (
+        auditing,
         control,
         description,
         domain,
@@ -24,13 +25,18 @@ if TYPE_CHECKING:
         validated,
         visualization,
     )
-    from ccpin.description import LoopClosure, MechanismDescription
-    from ccpin.dynamics import EndEffector, ReducedModel, State
+    from ccpin import gym as gym
+    from ccpin.description.model import LoopClosure, MechanismDescription
+    from ccpin.dynamics.end_effector import EndEffector
+    from ccpin.dynamics.reduced_model import ReducedModel
+    from ccpin.dynamics.state import State
     from ccpin.errors import CcpinError
-    from ccpin.mechanism import Mechanism, load
+    from ccpin.mechanism.loading.loader import load
+    from ccpin.mechanism.mechanism import Mechanism
     from ccpin.native import backend
-    from ccpin.simulation import Simulator, Trajectory
+    from ccpin.simulation.integration.simulator import Simulator
     from ccpin.simulation.integration.single_run import simulate
+    from ccpin.simulation.results.trajectory import Trajectory
     from ccpin.simulation.studies.sweeps import sweep
 
 __version__ = "0.1.0"
@@ -45,6 +51,7 @@ __all__ = [
     "Simulator",
     "State",
     "Trajectory",
+    "auditing",
     "backend",
     "control",
     "description",
@@ -61,31 +68,28 @@ __all__ = [
     "validated",
     "visualization",
 ]
+__dir__ = __all__.copy
 
 _HOMES = {
     "CcpinError": "errors",
-    "EndEffector": "dynamics",
-    "LoopClosure": "description",
-    "Mechanism": "mechanism",
-    "MechanismDescription": "description",
-    "ReducedModel": "dynamics",
-    "Simulator": "simulation",
-    "State": "dynamics",
-    "Trajectory": "simulation",
+    "EndEffector": "dynamics.end_effector",
+    "LoopClosure": "description.model",
+    "Mechanism": "mechanism.mechanism",
+    "MechanismDescription": "description.model",
+    "ReducedModel": "dynamics.reduced_model",
+    "Simulator": "simulation.integration.simulator",
+    "State": "dynamics.state",
+    "Trajectory": "simulation.results.trajectory",
     "backend": "native",
-    "load": "mechanism",
-    "simulate": "simulation",
-    "sweep": "simulation",
+    "load": "mechanism.loading.loader",
+    "simulate": "simulation.integration.single_run",
+    "sweep": "simulation.studies.sweeps",
 }
 
 
 def __getattr__(name: str) -> object:
-    if name not in __all__:
+    if name not in (*__all__, "gym"):  # gym needs an extra, so that a star takes it for nobody
         raise AttributeError(f"module 'ccpin' has no attribute '{name}'")
     home = import_module(f"ccpin.{_HOMES.get(name, name)}")
     value = globals()[name] = getattr(home, name) if name in _HOMES else home
     return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})

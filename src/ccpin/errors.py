@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 __all__ = [
     "AmbiguousFormatError",
-    "CcpinError",
     "ConvergenceError",
     "DescriptionError",
     "DescriptionNotFoundError",
@@ -29,8 +28,10 @@ __all__ = [
     "UnattainableGainsError",
     "UnderactuatedError",
     "UnreachableError",
+    "UnreachableTargetError",
     "UnsupportedMechanismError",
 ]
+__dir__ = __all__.copy
 
 
 class CcpinError(Exception):
@@ -103,7 +104,7 @@ class ConvergenceError(CcpinError):
 
 
 class UnreachableError(ConvergenceError):
-    """σ(q) cannot be reached from the guess along the straight line in q.
+    """σ(q) cannot be reached from `near` along the straight line in q.
 
     Attributes:
         q: The q asked for, of shape (model.nq,).
@@ -117,6 +118,26 @@ class UnreachableError(ConvergenceError):
         self.q_reached: NDArray[np.float64] = found["q_reached"]
         self.fraction: float = found["fraction"]
         self.rcond: float = found["rcond"]
+        super().__init__(message)
+
+
+class UnreachableTargetError(ConvergenceError):
+    """No configuration was found, on the branch asked for, that brings the point to the target.
+
+    Attributes:
+        q: The q that came nearest, of shape (model.nq,).
+        q_free: σ(q) there, of shape (nq,).
+        distance: How far from the target the point is there, m.
+        angle: How far its axes are turned, rad.
+    """
+
+    def __init__(
+        self, message: str, *, q: NDArray[np.float64], q_free: NDArray[np.float64], distance: float, angle: float
+    ) -> None:
+        self.q = q
+        self.q_free = q_free
+        self.distance = distance
+        self.angle = angle
         super().__init__(message)
 
 
@@ -138,7 +159,7 @@ class UnattainableGainsError(CcpinError):
     """Gains that a theorem asks for are more than motors can give, or than any loop could be closed with.
 
     Attributes:
-        gains: What was asked for, a `ccpin.control.Gains`.
+        gains: What was asked for, the `Gains` of `ccpin.control.suggest_gains`.
     """
 
     def __init__(self, message: str, gains: Any) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ccpin.arrays import Array, positive
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.mechanism import load
+from ccpin.mechanism.loading.loader import load
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.wireframe import outline, plane_of_motion
 from ccpin.plotting import plot_configurations
@@ -31,6 +31,9 @@ try:
     import gymnasium
 except ImportError:
     raise CcpinError("ccpin.gym needs gymnasium: pip install 'ccpin[gym]'") from None
+
+__all__ = ["MechanismEnv"]
+__dir__ = __all__.copy
 
 _MODES = ("human", "rgb_array")
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin import domain
-from ccpin.domain import CellStatus, certify
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import certify, scalar_coordinates_at
 from ccpin.errors import InvalidInputError
 from tests.oracles import rpdr as oracle
 from tests.support.legs import WHOLE, load_slice
@@ -104,7 +104,7 @@ def test_configurations_that_are_not_singular_are_found(torus, tmp_path):
 def test_cells_emptied_by_search_are_proved(tmp_path):
     """Of the 3-RPR's slice, where the triangle inequality says nothing; the search takes some seconds a cell."""
     mechanism = load_slice()
-    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     atlas = certify(mechanism, q0, WHOLE, max_depth=5, exhaustive=True)
     atlas.save(tmp_path / "legs.npz")
     read = reading.read(tmp_path / "legs.npz")
@@ -118,7 +118,7 @@ def test_cells_emptied_by_search_are_proved(tmp_path):
 def legs(tmp_path_factory):
     """An atlas of a 3-RRR, cells of which are empty although no two of its points are too far apart; its file."""
     mechanism = ccpin.load("planar_3rrr")
-    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     atlas = certify(mechanism, q0, max_depth=2, exhaustive=True, resolution=0.1)
     path = tmp_path_factory.mktemp("legs") / "atlas.json"
     atlas.save(path)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.domain import CellStatus, certify_sheets
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import certify_sheets
 from ccpin.errors import InvalidInputError
 
 pytest.importorskip("flint")

@@ -9,7 +9,8 @@ import pytest
 
 import ccpin
 from ccpin import domain
-from ccpin.domain import CellStatus, certify, certify_sheets, certify_singularities
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import certify, certify_sheets, certify_singularities
 from ccpin.errors import InvalidInputError
 from tests.support.altered import changed
 

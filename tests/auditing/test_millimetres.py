@@ -7,6 +7,8 @@ import pytest
 
 import ccpin
 from ccpin import domain
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import scalar_coordinates_at
 from tests.oracles import cusped_3rpr as cusped
 from tests.support.cusped import cusped_mechanism
 
@@ -19,7 +21,7 @@ def three_rpr():
     cusp = cusped.cusp()
     along = cusped.null_direction(cusp) / np.linalg.norm(cusped.null_direction(cusp))
     mechanism = cusped_mechanism(cusp + 0.3 * along, 1000.0)
-    q = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    q = scalar_coordinates_at(mechanism, mechanism.q_reference)
     return mechanism, q, (q - 20.0, q + 20.0)
 
 
@@ -35,10 +37,10 @@ def test_an_atlas_far_from_zero_is_proved_by_the_audit(made, tmp_path):
     mechanism, q, region = made()
     atlas = domain.certify(mechanism, q, region, max_depth=4, resolution=0.1)
     assert atlas.single_valued
-    rng, cells = np.random.default_rng(2), atlas.tree.leaves(domain.CellStatus.CERTIFIED)
+    rng, cells = np.random.default_rng(2), atlas.tree.leaves(CellStatus.CERTIFIED)
     faces = atlas.region.position(atlas.tree.lower[cells])
     points = np.concatenate([faces, rng.uniform(*region, (300, 2))])
-    known = atlas.status(points) == domain.CellStatus.CERTIFIED
+    known = atlas.status(points) == CellStatus.CERTIFIED
     assert np.array_equal(atlas.contains(points), known)
     atlas.save(tmp_path / "far.npz")
     audit = verify(tmp_path / "far.npz", sample=5)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin import domain
-from ccpin.domain import CellStatus, certify
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import certify, scalar_coordinates_at
 from tests.oracles import delta as spheres
 from tests.oracles import planar_3rrr as three_legs
 
@@ -23,7 +23,7 @@ MORE = [20, SIZES[1]]
 def looker(name, folder):
     """The auditor's search for a model, by a document of one box."""
     mechanism = ccpin.load(name)
-    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     certify(mechanism, q0, (q0 - 1e-3, q0 + 1e-3), max_depth=1).save(folder / "box.json")
     read = reading.read(folder / "box.json")
     return mechanism, empty_cells.Emptiness(closures.BallClosures(read), read)
@@ -68,7 +68,7 @@ def test_no_box_that_holds_a_pose(name, points, tmp_path):
     """Boxes of any size about anything that closes."""
     mechanism, look = looker(name, tmp_path)
     model, rng = ccpin.ReducedModel(mechanism), np.random.default_rng(4)
-    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     for _ in range(points):
         try:
             model.at(q := q0 + rng.normal(scale=0.5, size=len(q0)))
@@ -110,7 +110,7 @@ def test_the_lemma_holds_for_any_weights(size, count):
 def test_reachable_cells_called_empty_are_not_proved(tmp_path):
     """Certified cells of a Delta, where there is nothing but these lemmas."""
     mechanism = ccpin.load("delta")
-    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     atlas = certify(mechanism, q0, (q0 - 0.3, q0 + 0.3), max_depth=3)
     atlas.save(tmp_path / "delta.json")
     leaves = atlas.tree.leaves(CellStatus.CERTIFIED)[:8]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ccpin import domain
+from ccpin.domain import scalar_coordinates_at
 from tests.oracles.five_bar import FiveBar
 from tests.support.altered import changed
 from tests.support.carriages import double_slider, five_bar_with_rotor, rail, two_carriages
@@ -64,7 +65,7 @@ def test_curves_of_a_geared_five_bar_are_audited(tmp_path):
 def test_a_geared_elbow_without_limits_is_not_held_still(tmp_path):
     """Nothing bounds the elbow; a cell that is certified is not proved to be empty all the same."""
     geared = five_bar_with_rotor(BAR, 5.0, driver="joint3")
-    q0 = domain.scalar_coordinates_at(geared, geared.q_reference)
+    q0 = scalar_coordinates_at(geared, geared.q_reference)
     domain.certify(geared, q0, (q0 - 0.01, q0 + 0.01), max_depth=1).save(tmp_path / "atlas.json")
     file = reading.read(tmp_path / "atlas.json")
     look = empty_cells.Emptiness(closures.BallClosures(file), file)

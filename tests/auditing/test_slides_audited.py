@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin import domain
-from ccpin.domain import certify, certify_sheets
+from ccpin.domain import certify, certify_sheets, scalar_coordinates_at
 from tests.oracles import slider_crank as oracle
 from tests.support.altered import changed
 
@@ -47,7 +46,7 @@ def test_no_pose_slides_farther(tmp_path):
     """A 3-RRR's platform, which slides both ways: poses everywhere are within the bounds."""
     mechanism = ccpin.load("planar_3rrr")
     model, rng = ccpin.ReducedModel(mechanism), np.random.default_rng(0)
-    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     certify(mechanism, q0, (q0 - 1e-3, q0 + 1e-3), max_depth=1).save(tmp_path / "box.json")
     read, look = looker(tmp_path / "box.json")
     slides = sliding(read)

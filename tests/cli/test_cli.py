@@ -10,7 +10,6 @@ import pytest
 import ccpin
 from ccpin.cli import main
 from ccpin.dynamics.assembly import _ModeFinder
-from ccpin.simulation import load_npz
 from tests.support.paper import MOVE_OPTIONS
 from tests.support.places import MODELS
 
@@ -110,7 +109,7 @@ def test_simulate_point_to_point(capsys, tmp_path):
     assert result["moves"][0]["settling_time"] == pytest.approx(0.3, abs=0.05)
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"motion.csv", "motion.npz", "metrics.json", "motion.png", "configurations.png", "animation.html"}
-    assert load_npz(tmp_path / "motion.npz").closure_error.max() <= 1e-10
+    assert ccpin.Trajectory.load(tmp_path / "motion.npz").closure_error.max() <= 1e-10
 
 
 def test_simulate_cycles(capsys):

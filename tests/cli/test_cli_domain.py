@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ccpin.cli import main
-from ccpin.description import find_file
+from ccpin.description.finding import find_file
 from ccpin.domain import Atlas, SheetAtlas, SingularCover, certified_radius
 from ccpin.domain.singular.curves import UncoveredBoxes
 

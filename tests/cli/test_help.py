@@ -15,7 +15,7 @@ import pytest
 
 from ccpin.cli import _parser, main
 from ccpin.cli.progress import busy
-from ccpin.description import installed_models
+from ccpin.description.finding import installed_models
 
 COMMANDS = next(a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction)).choices
 VERDICTS = (0, 3, 4)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control import NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.control import PDFullGravity, PDSimpleGravity
+from ccpin.control.laws import NoTorque
 from ccpin.description import Part, combine
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
 from tests.support.paper import GOAL, K_P, K_V

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control import ComputedTorque, OnlineLaw, OnlineSigma, PDPlus, PointToPoint, Sampling, capped_sigma
+from ccpin.control import ComputedTorque, OnlineLaw, OnlineSigma, PDPlus, PointToPoint, Sampling
+from ccpin.control.online import capped_sigma
 from ccpin.errors import InvalidInputError
 from tests.oracles import rpdr
 from tests.support.paper import GOAL, K_P, K_V, START

@@ -7,9 +7,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import ccpin
+from ccpin import EndEffector
 from ccpin.control import Hold, PointToPoint, Waypoints, through_points
-from ccpin.dynamics import EndEffector, UnreachableTargetError
-from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.errors import InvalidInputError, UnreachableTargetError, UnsupportedMechanismError
 from tests.oracles import rpdr
 from tests.oracles.finite_differences import derivative
 from tests.support.ball_joint import ball_joint

@@ -6,9 +6,11 @@ from scipy.signal import lfilter
 
 import ccpin
 from ccpin.control import ControlLaw, CoulombCompensation, PDSimpleGravity, Sampling, TorqueFunction
+from ccpin.control.laws import NoTorque
 from ccpin.control.sampling import SampledCommands
 from ccpin.errors import InvalidInputError
-from ccpin.simulation import Settling, friction_force, supervise
+from ccpin.simulation import Settling, supervise
+from ccpin.simulation.plant.stick_slip import friction_force
 from tests.oracles import rpdr as oracle
 from tests.support.paper import FRICTION, GOAL, K_P, K_V, START
 
@@ -22,8 +24,8 @@ class Recorded(ControlLaw):
     def __init__(self, law):
         self.law, self.calls = law, []
 
-    def torque(self, t, q, v, guess=None):
-        u = self.law.torque(t, q, v, guess)
+    def torque(self, t, q, v, near=None):
+        u = self.law.torque(t, q, v, near)
         self.calls.append((t, q.copy(), v.copy(), u.copy()))
         return u
 
@@ -98,7 +100,7 @@ def test_velocity_is_the_filtered_difference(rpdr_model, law):
 
 def test_the_filter_starts_settled_at_the_first_velocity(rpdr_model):
     """A motion under way is seen at its speed from the first sample on, not after a transient."""
-    seen = Recorded(ccpin.control.NoTorque(rpdr_model))
+    seen = Recorded(NoTorque(rpdr_model))
     ccpin.simulate(rpdr_model, seen, START, [1.0, -2.0], duration=5e-3, sampling=Sampling(1e-4, velocity_cutoff=50.0))
     _, _, v, _ = seen.columns()
     assert v[0] == pytest.approx([1.0, -2.0], abs=1e-9)

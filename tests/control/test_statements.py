@@ -7,17 +7,16 @@ from ccpin import validated
 from ccpin.control import (
     ComputedTorque,
     Hold,
-    NoTorque,
     PDFullGravity,
     PDOnlineGravity,
     PDPlus,
     PDSimpleGravity,
     PointToPoint,
     TorqueFunction,
-    certify_law,
     certify_tracking,
 )
-from ccpin.control.laws import Delayed, idle, kind_of, stated
+from ccpin.control.laws import Delayed, NoTorque, idle, kind_of, stated
+from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 
 Q_D = np.array([-1.885, -1.257])
@@ -28,8 +27,8 @@ def backwards(kind):
     """The law, pushing the other way."""
 
     class Backwards(kind):
-        def torque(self, t, q, v, guess=None):
-            return -super().torque(t, q, v, guess)
+        def torque(self, t, q, v, near=None):
+            return -super().torque(t, q, v, near)
 
         def torque_at(self, t, state, v):
             return -super().torque_at(t, state, v)

@@ -166,7 +166,7 @@ def test_sigma_errors_enter_where_the_model_does(models, law_class):
 
 @pytest.mark.parametrize("law_class", LAWS)
 def test_laws_remember_nothing(models, law_class):
-    """Called in any order, from any guess, a law gives the same torques."""
+    """Called in any order, from any configuration, a law gives the same torques."""
     model = models["delta"]
     law = law_for(model, law_class)
     samples = list(states(model))

@@ -38,7 +38,7 @@ def urdf(inside="", extra="", name="crank"):
 
 
 def read_file(name):
-    from ccpin.description import installed_models
+    from ccpin.description.finding import installed_models
 
     return installed_models()[name].read_text()
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from ccpin import visualization
 from ccpin.description import CLOSURE_KINDS, FORMATS
-from ccpin.studio import Studio
+from ccpin.studio.server import Studio
+from ccpin.visualization.live import Viewer
 from tests.support.browser import chromium
 from tests.support.documents import PAGES, alike, blocks, needs, run
 
@@ -19,7 +19,7 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr("webbrowser.open", lambda url: True)
     monkeypatch.setenv("CCPIN_CACHE", str(tmp_path / "cache"))
-    for served in (visualization.Viewer, Studio):
+    for served in (Viewer, Studio):
         monkeypatch.setattr(served, "wait", lambda opened: None)
     yield
     for table, entries in tables:

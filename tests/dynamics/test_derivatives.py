@@ -12,17 +12,9 @@ from hypothesis import Phase, assume, given, settings
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin.description import (
-    CLOSURE_KINDS,
-    Coupling,
-    CouplingTerm,
-    Inertia,
-    Joint,
-    Link,
-    LoopClosure,
-    MechanismDescription,
-)
-from ccpin.dynamics import closed_loop_derivative, linearize
+from ccpin import LoopClosure, MechanismDescription
+from ccpin.description import CLOSURE_KINDS, Coupling, CouplingTerm, Inertia, Joint, Link
+from ccpin.dynamics import linearize
 from ccpin.errors import (
     InvalidInputError,
     SingularConfigurationError,
@@ -50,17 +42,17 @@ class State(NamedTuple):
     v: np.ndarray
     a: np.ndarray
     u: np.ndarray
-    guess: np.ndarray
+    near: np.ndarray
 
     @property
     def driven(self):
-        """(q, v, u, guess), as forward dynamics takes them."""
-        return self.q, self.v, self.u, self.guess
+        """(q, v, u, near), as forward dynamics takes them."""
+        return self.q, self.v, self.u, self.near
 
     @property
     def moving(self):
-        """(q, v, a, guess), as inverse dynamics takes them."""
-        return self.q, self.v, self.a, self.guess
+        """(q, v, a, near), as inverse dynamics takes them."""
+        return self.q, self.v, self.a, self.near
 
     def by_q(self, function):
         """Finite differences of function(q) along tangent steps of q, of shape (·, n)."""
@@ -103,7 +95,7 @@ def random_state(model, seed, spread=0.15):
 
 def generalized_force(state, q, v, a):
     """D q̈ + C q̇ + g from the model's own terms."""
-    terms = state.model.terms(q, v, state.guess)
+    terms = state.model.terms(q, v, state.near)
     return terms.D @ a + terms.C @ v + terms.g
 
 
@@ -114,35 +106,35 @@ def slope_size(values):
 
 def check_generalized_force(state):
     """∂τ of D q̈ + C q̇ + g, and ∂g."""
-    q, v, a, guess = state.moving
+    q, v, a, near = state.moving
     slopes = state.model.generalized_force_derivatives(*state.moving)
     size = slope_size(generalized_force(state, q, v, a))
     assert_close(slopes.dtau_dq, state.by_q(lambda x: generalized_force(state, x, v, a)), TOLERANCE, scale=size)
     assert_close(slopes.dtau_dv, by_vector(lambda x: generalized_force(state, q, x, a), v), TOLERANCE, scale=size)
-    assert_close(slopes.dtau_da, state.model.terms(q, v, guess).D, 1e-12)
-    gravity = state.model.gravity_derivative(q, guess)
-    assert_close(gravity, state.by_q(lambda x: state.model.gravity(x, guess)), TOLERANCE, scale=size)
+    assert_close(slopes.dtau_da, state.model.terms(q, v, near).D, 1e-12)
+    gravity = state.model.gravity_derivative(q, near)
+    assert_close(gravity, state.by_q(lambda x: state.model.gravity(x, near)), TOLERANCE, scale=size)
 
 
 def check_forward(state):
     """∂q̈ of forward dynamics."""
-    q, v, u, guess = state.driven
+    q, v, u, near = state.driven
     slopes = state.model.forward_dynamics_derivatives(*state.driven)
     dynamics = state.model.forward_dynamics
-    size = slope_size(dynamics(q, v, u, guess))
-    assert_close(slopes.da_dq, state.by_q(lambda x: dynamics(x, v, u, guess)), TOLERANCE, scale=size)
-    assert_close(slopes.da_dv, by_vector(lambda x: dynamics(q, x, u, guess), v), TOLERANCE, scale=size)
-    assert_close(slopes.da_du, by_vector(lambda x: dynamics(q, v, x, guess), u), TOLERANCE)
+    size = slope_size(dynamics(q, v, u, near))
+    assert_close(slopes.da_dq, state.by_q(lambda x: dynamics(x, v, u, near)), TOLERANCE, scale=size)
+    assert_close(slopes.da_dv, by_vector(lambda x: dynamics(q, x, u, near), v), TOLERANCE, scale=size)
+    assert_close(slopes.da_du, by_vector(lambda x: dynamics(q, v, x, near), u), TOLERANCE)
 
 
 def check_inverse(state):
     """∂u of inverse dynamics."""
-    q, v, a, guess = state.moving
+    q, v, a, near = state.moving
     slopes = state.model.inverse_dynamics_derivatives(*state.moving)
     dynamics = state.model.inverse_dynamics
-    assert_close(slopes.du_dq, state.by_q(lambda x: dynamics(x, v, a, guess)), TOLERANCE)
-    assert_close(slopes.du_dv, by_vector(lambda x: dynamics(q, x, a, guess), v), TOLERANCE)
-    assert_close(slopes.du_da, by_vector(lambda x: dynamics(q, v, x, guess), a), TOLERANCE)
+    assert_close(slopes.du_dq, state.by_q(lambda x: dynamics(x, v, a, near)), TOLERANCE)
+    assert_close(slopes.du_dv, by_vector(lambda x: dynamics(q, x, a, near), v), TOLERANCE)
+    assert_close(slopes.du_da, by_vector(lambda x: dynamics(q, v, x, near), a), TOLERANCE)
 
 
 @cache
@@ -259,10 +251,10 @@ def test_gravity_derivative_is_the_hessian_of_the_potential(name):
     """∂g/∂q is symmetric for angles and lengths, and dᵀ(∂g/∂q)d the second difference of V along d."""
     model = zoo_model(name)
     state = random_state(model, 5)
-    hessian = model.gravity_derivative(state.q, state.guess)
+    hessian = model.gravity_derivative(state.q, state.near)
     assert_close(hessian, hessian.T, 1e-11)
     step, still = 1e-3, np.zeros(model.n)
-    potential = [model.energy(state.q + k * step * state.v, still, state.guess).potential for k in range(-2, 3)]
+    potential = [model.energy(state.q + k * step * state.v, still, state.near).potential for k in range(-2, 3)]
     curvature = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) @ potential / (12.0 * step**2)
     assert_close(state.v @ hessian @ state.v, curvature, 1e-6)
 
@@ -273,7 +265,7 @@ def test_forward_and_inverse_are_inverses(name):
     model = zoo_model(name)
     state = random_state(model, 7)
     u = model.inverse_dynamics(*state.moving)
-    forward = model.forward_dynamics_derivatives(state.q, state.v, u, state.guess)
+    forward = model.forward_dynamics_derivatives(state.q, state.v, u, state.near)
     inverse = model.inverse_dynamics_derivatives(*state.moving)
     force = model.generalized_force_derivatives(*state.moving)
     assert_close(forward.da_du @ inverse.du_dq, -forward.da_dq, 1e-10)
@@ -304,10 +296,10 @@ def test_too_few_motors():
     state = random_state(zoo_model("rpdr", actuated=("joint1",)), 12)
     check_forward(state)
     check_generalized_force(state)
-    terms = state.model.terms(state.q, state.v, state.guess)
+    terms = state.model.terms(state.q, state.v, state.near)
     reachable = np.linalg.solve(terms.D, np.array([1.0, 0.0]) - terms.C @ state.v - terms.g)
     with pytest.raises(UnderactuatedError, match="1 motors do not produce every one of 2"):
-        state.model.inverse_dynamics_derivatives(state.q, state.v, reachable, state.guess)
+        state.model.inverse_dynamics_derivatives(state.q, state.v, reachable, state.near)
 
 
 def coupled_arm():
@@ -380,7 +372,7 @@ def test_linearization_follows_the_flow():
     """ẋ = A x + B δu: the tangent from one motion to a disturbed one grows as A says, on a quaternion in motion too."""
     model = ccpin.ReducedModel(ccpin.load(four_bar_on_a_ball()))
     state = random_state(model, 19, spread=0.5)
-    linear = linearize(model, state.q, state.u, state.v, state.guess)
+    linear = linearize(model, state.q, state.u, state.v, state.near)
     rng = np.random.default_rng(23)
     dq, dv, du = rng.normal(size=(3, model.n))
     move, coordinates = model.coordinates.integrate, model.coordinates
@@ -389,7 +381,7 @@ def test_linearization_follows_the_flow():
         """d/dt of (δq, δq̇) at t = 0 for the motion disturbed by e."""
         q, v, u = move(state.q, e * dq), state.v + e * dv, state.u + e * du
         rate = derivative(lambda t: coordinates.difference(move(state.q, t * state.v), move(q, t * v)))
-        change = model.forward_dynamics(q, v, u, state.guess) - model.forward_dynamics(*state.driven)
+        change = model.forward_dynamics(q, v, u, state.near) - model.forward_dynamics(*state.driven)
         return np.concatenate([rate, change])
 
     expected = linear.A @ np.concatenate([dq, dv]) + linear.B @ du
@@ -414,7 +406,7 @@ def test_closed_loop_derivative():
     q_d = model.alpha(model.mechanism.q_reference)
     law = ccpin.control.PDFullGravity(model, q_d, [11.0, 12.0], [0.6, 0.5])
     linear = linearize(model, q_d, model.gravity(q_d))
-    closed = closed_loop_derivative(linear, model.gravity_derivative(q_d) - law.K_p, -law.K_v)
+    closed = linear.closed_loop(model.gravity_derivative(q_d) - law.K_p, -law.K_v)
 
     def acceleration(q, v):
         return model.forward_dynamics(q, v, law.torque(0.0, q, v))
@@ -431,7 +423,7 @@ def test_wrong_shapes_are_refused():
     q = model.alpha(model.mechanism.q_reference)
     linear = linearize(model, q, [0.0, 0.0])
     with pytest.raises(InvalidInputError, match="du_dv has shape"):
-        closed_loop_derivative(linear, np.zeros((2, 2)), np.zeros(2))
+        linear.closed_loop(np.zeros((2, 2)), np.zeros(2))
     with pytest.raises(InvalidInputError, match="v has shape"):
         linearize(model, q, [0.0, 0.0], v=[1.0])
     with pytest.raises(InvalidInputError, match="u has shape"):
@@ -455,13 +447,13 @@ def test_free_system_derivatives():
     free, tree = model.free_system, model.mechanism.pin_model
     state = random_state(model, 29)
     v_free, a_free, direction = np.random.default_rng(31).normal(size=(3, tree.nv))
-    slopes = free.inverse_dynamics_derivatives(state.guess, v_free, a_free)
-    expected = along(tree, state.guess, direction, lambda q: free.inverse_dynamics(q, v_free, a_free))
+    slopes = free.inverse_dynamics_derivatives(state.near, v_free, a_free)
+    expected = along(tree, state.near, direction, lambda q: free.inverse_dynamics(q, v_free, a_free))
     assert_close(slopes.dtau_dq @ direction, expected, TOLERANCE)
-    assert_close(slopes.tau, free.inverse_dynamics(state.guess, v_free, a_free), 1e-12)
-    assert_close(slopes.dtau_da, free.mass_matrix(state.guess), 1e-12)
-    expected = along(tree, state.guess, direction, free.gravity)
-    assert_close(free.gravity_derivative(state.guess) @ direction, expected, TOLERANCE)
+    assert_close(slopes.tau, free.inverse_dynamics(state.near, v_free, a_free), 1e-12)
+    assert_close(slopes.dtau_da, free.mass_matrix(state.near), 1e-12)
+    expected = along(tree, state.near, direction, free.gravity)
+    assert_close(free.gravity_derivative(state.near) @ direction, expected, TOLERANCE)
 
 
 def test_lqr_script(capsys):

@@ -5,8 +5,8 @@ import pinocchio as pin
 import pytest
 
 import ccpin
-from ccpin.dynamics import EndEffector, UnreachableTargetError
-from ccpin.errors import InvalidInputError
+from ccpin import EndEffector
+from ccpin.errors import InvalidInputError, UnreachableTargetError
 from tests.oracles import delta, rpdr
 from tests.oracles.finite_differences import assert_close, derivative
 
@@ -145,14 +145,14 @@ def test_inverse_kinematics_round_trip(name, kind):
 
 
 def test_the_branch_is_kept():
-    """The same tool point from both assembly modes of the RPDR: each solution is in its guess's mode."""
+    """The same tool point from both assembly modes of the RPDR: each solution is in the mode it began in."""
     _, end_effector = tool("rpdr")
     target = (0.1524, 0.0, -0.15)
     found = []
     for mode, start in ((1.0, (-115.0, 150.0)), (-1.0, (-115.0, -65.0))):
         q_free = rpdr.sigma(np.radians(start), mode)
-        guess = q_free[[0, 2, 1, 3]]  # Pinocchio's order: depth first
-        solution = end_effector.solve(target, guess)
+        near = q_free[[0, 2, 1, 3]]  # Pinocchio's order: depth first
+        solution = end_effector.solve(target, near)
         q1, q3, q2, q4 = solution.q_free
         assert np.sin(q1 + q3 - q2 - q4) * mode > 0
         np.testing.assert_allclose(end_effector.pose(solution.q, solution.q_free)[:3, 3], target, atol=1e-10)

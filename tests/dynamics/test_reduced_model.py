@@ -41,11 +41,11 @@ def test_dynamics_against_other_engines(rpdr, rpdr_model, mode):
     rows = [list(rpdr.pin_model.names).index(name) - 1 for name in rpdr.independent]
     basis = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # φ's rows are along x and z
     for q_paper, v, u in random_states(np.random.default_rng(60 + mode), 200, mode):
-        guess = to_free(rpdr, q_paper)
-        q_free = rpdr_model.sigma(q_paper[:2], guess)
+        near = to_free(rpdr, q_paper)
+        q_free = rpdr_model.sigma(q_paper[:2], near)
         v_free, tau = rpdr_model.rho(q_free) @ v, rpdr.actuation.T @ u
-        a = rpdr_model.forward_dynamics(q_paper[:2], v, u, guess)
-        force = rpdr_model.constraint_forces(q_paper[:2], v, u, guess)
+        a = rpdr_model.forward_dynamics(q_paper[:2], v, u, near)
+        force = rpdr_model.constraint_forces(q_paper[:2], v, u, near)
         for solver, description in ((descriptor.direct, rpdr.description), (descriptor.pinocchio, spherical)):
             expected = solver(description, rpdr.pin_model, q_free, v_free, tau)
             assert relative(a, expected.a_free[rows]) <= 1e-9
@@ -72,11 +72,11 @@ def test_power_balance(rpdr, rpdr_model, mode):
     for q_paper, v, u in random_states(np.random.default_rng(80 + mode), 100, mode):
         if abs(np.sin(oracle.fold(q_paper))) < 0.2:
             continue
-        q, guess = q_paper[:2], to_free(rpdr, q_paper)
-        a = rpdr_model.forward_dynamics(q, v, u, guess)
+        q, near = q_paper[:2], to_free(rpdr, q_paper)
+        a = rpdr_model.forward_dynamics(q, v, u, near)
 
-        def energy(s, q=q, v=v, a=a, guess=guess):
-            return sum(rpdr_model.energy(q + s * v + 0.5 * s * s * a, v + s * a, guess))
+        def energy(s, q=q, v=v, a=a, near=near):
+            return sum(rpdr_model.energy(q + s * v + 0.5 * s * s * a, v + s * a, near))
 
         step = 1e-3 / max(10.0, np.linalg.norm(a) ** 0.5, np.linalg.norm(v))
         assert_close(derivative(energy, step), v @ u, 1e-7 * max(1.0, np.linalg.norm(a)))

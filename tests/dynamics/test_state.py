@@ -67,7 +67,7 @@ def test_it_is_closed(model, place):
 
 
 def test_shorthands_are_its_methods(model, place):
-    """Every method of the model with a guess gives what the State gives, bit for bit."""
+    """Every method of the model with `near` gives what the State gives, bit for bit."""
     q, v, a, u = place
     state = model.at(q)
     for name, arguments in (
@@ -236,7 +236,7 @@ class Watching(ControlLaw):
     def __init__(self, law, sigmas):
         self.law, self.sigmas, self.own, self.calls = law, sigmas, 0, 0
 
-    def torque(self, t, q, v, guess=None):
+    def torque(self, t, q, v, near=None):
         raise AssertionError("simulate has a State and must use it")
 
     def torque_at(self, t, state, v):

@@ -4,7 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ccpin.description import CLOSURE_KINDS, LoopClosure
+from ccpin import LoopClosure
+from ccpin.description import CLOSURE_KINDS
 from ccpin.description.closure_kinds import PlaneNormal
 from ccpin.description.model import rotation_to
 from ccpin.kinematics.constraints import Constraints

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin.description import Coupling, CouplingTerm, MechanismDescription
+from ccpin import MechanismDescription
+from ccpin.description import Coupling, CouplingTerm
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.kinematics.coordinates import IndependentCoordinates, component_names
 from ccpin.kinematics.parametrization import Parametrization
@@ -116,17 +117,17 @@ def test_no_pair_of_modes_is_joined(rpdr_model, mode):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_proved_sigma_is_the_closed_form(rpdr_model, mode):
-    """Where every step is proved the five-bar's σ is (39)–(40) in the guess's mode, or refused."""
+    """Where every step is proved the five-bar's σ is (39)–(40) in the mode of `near`, or refused."""
     mechanism, rng, seen = rpdr_model.mechanism, np.random.default_rng(7), 0
     for k, start in enumerate(rpdr.random_configurations(rng, 40, mode)):
         q = rng.uniform(-np.pi, np.pi, 2) if k % 2 else start[:2] + 0.3 * rng.normal(size=2)
         blocked = max(rpdr.elongation(start[:2] + s * (q - start[:2])) for s in np.linspace(0.0, 1.0, 400))
-        guess = to_free(mechanism, start)
+        near = to_free(mechanism, start)
         if blocked >= 1.0:
             with pytest.raises(CcpinError):
-                rpdr_model.sigma(q, guess, proved=True)
+                rpdr_model.sigma(q, near, proved=True)
         elif blocked < 0.999:
-            found = to_paper(mechanism, rpdr_model.sigma(q, guess, proved=True))
+            found = to_paper(mechanism, rpdr_model.sigma(q, near, proved=True))
             np.testing.assert_allclose(wrap(found - rpdr.sigma(q, mode)), 0.0, atol=1e-9)
             seen += 1
     assert seen > 10
@@ -142,19 +143,19 @@ def test_proved_sigma_of_a_delta():
         np.testing.assert_allclose(position, delta.forward(q), atol=1e-9)
 
 
-def test_an_open_guess_is_closed_by_proof(rpdr_model):
-    """An open guess is joined to its closed point along a straight line of ψ, or refused."""
+def test_an_open_configuration_is_closed_by_proof(rpdr_model):
+    """An open configuration is joined to its closed point along a straight line of ψ, or refused."""
     mechanism, rng, seen = rpdr_model.mechanism, np.random.default_rng(9), 0
     for _ in range(30):
         q = rpdr.coincident_elbows() + rng.normal(size=2) * 0.3
         if rpdr.elongation(q) >= 0.99:
             continue
         mode = rng.choice(MODES)
-        guess = rpdr.sigma(q, mode) + np.append([0.0, 0.0], rng.normal(size=2) * 0.02)
+        near = rpdr.sigma(q, mode) + np.append([0.0, 0.0], rng.normal(size=2) * 0.02)
         try:
-            found = rpdr_model.sigma(q, to_free(mechanism, guess), proved=True)
+            found = rpdr_model.sigma(q, to_free(mechanism, near), proved=True)
         except InvalidInputError:
             continue
-        assert np.sin(rpdr.fold(to_paper(mechanism, found))) * np.sin(rpdr.fold(guess)) > 0
+        assert np.sin(rpdr.fold(to_paper(mechanism, found))) * np.sin(rpdr.fold(near)) > 0
         seen += 1
     assert seen > 10

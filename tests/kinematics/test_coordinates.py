@@ -147,5 +147,5 @@ def test_quaternions_must_be_unit():
     assert np.linalg.norm(model.alpha(model.sigma((1.0 + 1e-9) * q))) == pytest.approx(1.0, abs=1e-14)
     with pytest.raises(InvalidInputError, match=r"q_free .*unit length"):
         model.rho(2.0 * model.mechanism.q_reference)
-    with pytest.raises(InvalidInputError, match=r"guess .*unit length"):
+    with pytest.raises(InvalidInputError, match=r"near .*unit length"):
         model.sigma(q, 2.0 * model.mechanism.q_reference)

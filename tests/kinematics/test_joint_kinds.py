@@ -5,7 +5,8 @@ import pinocchio as pin
 import pytest
 
 import ccpin
-from ccpin.description import JOINT_KINDS, Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin import LoopClosure, MechanismDescription
+from ccpin.description import JOINT_KINDS, Inertia, Joint, Link
 from ccpin.description.joint_kinds import JointKind
 from ccpin.domain import kantorovich_radius
 from ccpin.errors import DescriptionError

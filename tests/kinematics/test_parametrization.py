@@ -22,9 +22,9 @@ def test_closed_forms_in_each_mode(rpdr, rpdr_model, mode):
     rng = np.random.default_rng(31 + mode)
     columns = order(rpdr)
     for expected in oracle.random_configurations(rng, COUNT, mode):
-        guess = to_free(rpdr, expected + rng.uniform(-1e-3, 1e-3, 4))
+        near = to_free(rpdr, expected + rng.uniform(-1e-3, 1e-3, 4))
         v = rng.normal(size=2)
-        q_free = rpdr_model.sigma(expected[:2], guess)
+        q_free = rpdr_model.sigma(expected[:2], near)
         assert_close(wrap(q_free[columns] - expected), np.zeros(4), 1e-10, scale=1.0)
         rho = oracle.rho(expected)
         assert_close(rpdr_model.rho(q_free)[columns], rho, 1e-10)
@@ -43,7 +43,7 @@ def test_constraints_are_the_papers(rpdr):
         assert_close(parametrization.psi_jacobian(q_free)[:, columns], oracle.psi_jacobian(q_paper), 1e-14)
 
 
-def test_without_a_guess_the_mode_is_the_references(rpdr, rpdr_model):
+def test_without_near_the_mode_is_the_references(rpdr, rpdr_model):
     """σ follows the line from the reference where the closed-form domain holds it, and raises where it does not."""
     rng = np.random.default_rng(40)
     start, reached, blocked = rpdr_model.alpha(rpdr.q_reference), 0, 0
@@ -60,14 +60,14 @@ def test_without_a_guess_the_mode_is_the_references(rpdr, rpdr_model):
     assert min(reached, blocked) > 20
 
 
-def test_far_guesses_never_change_the_mode_silently(rpdr, rpdr_model):
-    """From any closed guess, σ keeps the guess's sign of sin(q1 + q3 − q2 − q4) or raises."""
+def test_far_configurations_never_change_the_mode_silently(rpdr, rpdr_model):
+    """From any closed configuration, σ keeps its sign of sin(q1 + q3 − q2 − q4) or raises."""
     rng = np.random.default_rng(41)
     for mode in MODES:
-        for guess in oracle.random_configurations(rng, 40, mode, away=1e-3):
+        for near in oracle.random_configurations(rng, 40, mode, away=1e-3):
             q = rng.uniform(-np.pi, np.pi, 2)
             try:
-                q_free = rpdr_model.sigma(q, to_free(rpdr, guess))
+                q_free = rpdr_model.sigma(q, to_free(rpdr, near))
             except (UnreachableError, SingularConfigurationError):
                 continue
             q_paper = to_paper(rpdr, q_free)
@@ -118,9 +118,9 @@ def test_coincident_elbows_are_singular(rpdr, rpdr_model, sign, mode):
     np.testing.assert_allclose(np.rad2deg(q), sign * np.array([56.944, 123.056]), rtol=0, atol=5e-4)
     rng = np.random.default_rng(44)
     for offset in rng.normal(scale=0.05, size=(10, 2)):
-        guess = oracle.sigma(q + offset, mode)
+        near = oracle.sigma(q + offset, mode)
         with pytest.raises(SingularConfigurationError):
-            rpdr_model.sigma(q, to_free(rpdr, guess))
+            rpdr_model.sigma(q, to_free(rpdr, near))
     for angle in rng.uniform(-np.pi, np.pi, 10):
         q_paper = np.array([q[0], q[1], angle - q[0], angle - q[1]])
         assert np.abs(oracle.phi(q_paper)).max() < 1e-15
@@ -163,16 +163,16 @@ def test_results_do_not_depend_on_call_history(rpdr):
 
 
 def test_arguments_are_left_alone(rpdr, rpdr_model):
-    """σ changes neither q nor the guess, and what it returns is the caller's own."""
-    q, guess = np.array([-1.8, -1.9]), rpdr.q_reference.copy()
-    first = rpdr_model.sigma(q, guess)
+    """σ changes neither q nor `near`, and what it returns is the caller's own."""
+    q, near = np.array([-1.8, -1.9]), rpdr.q_reference.copy()
+    first = rpdr_model.sigma(q, near)
     np.testing.assert_array_equal(q, [-1.8, -1.9])
-    np.testing.assert_array_equal(guess, rpdr.q_reference)
+    np.testing.assert_array_equal(near, rpdr.q_reference)
     kept = first.copy()
     rpdr_model.sigma([-2.0, -2.2])
     np.testing.assert_array_equal(first, kept)
-    rpdr_model.sigma(guess[[0, 2]], guess)[:] = 0.0
-    np.testing.assert_array_equal(guess, rpdr.q_reference)
+    rpdr_model.sigma(near[[0, 2]], near)[:] = 0.0
+    np.testing.assert_array_equal(near, rpdr.q_reference)
 
 
 def test_the_reference_is_safe_from_its_callers(rpdr):
@@ -187,20 +187,20 @@ def test_the_reference_is_safe_from_its_callers(rpdr):
             rpdr.q_reference[:] = kept
 
 
-def test_open_guess_is_closed_or_refused(rpdr, rpdr_model):
-    """A slightly open guess picks its branch; one too far open for that raises instead of guessing."""
+def test_open_configurations_are_closed_or_refused(rpdr, rpdr_model):
+    """A slightly open configuration picks its branch; one too far open for that raises instead of choosing one."""
     for mode in MODES:
         expected = oracle.sigma(np.array([-2.0, -2.1]), mode)
         far = np.array([-2.4, -2.3])
         found = rpdr_model.sigma(far, to_free(rpdr, expected + [0.0, 0.0, 1e-2, -1e-2]))
         assert_close(wrap(to_paper(rpdr, found) - oracle.sigma(far, mode)), np.zeros(4), 1e-10, scale=1.0)
     hopeless = np.array([np.pi, 0.0, 0.0, 0.0])  # arms stretched away from each other
-    with pytest.raises(InvalidInputError, match="guess is open"):
+    with pytest.raises(InvalidInputError, match="near is open"):
         rpdr_model.sigma([np.pi, 0.0], to_free(rpdr, hopeless))
 
 
-def test_guess_turned_end_for_end_is_refused():
-    """A guess at which a planar closure's normals oppose each other satisfies φ = 0 but is not closed."""
+def test_near_turned_end_for_end_is_refused():
+    """A configuration at which a planar closure's normals oppose each other satisfies φ = 0 but is not closed."""
     body = Inertia(1.0, np.zeros(3), 0.1 * np.eye(3))
     joints = (
         Joint("a", "revolute", "base", "link_a"),

@@ -23,7 +23,7 @@ OTHERS = {
 
 def answers(model, queries, near):
     """(index, q′) of the queries that σ answers, by the core's batch where there is a core."""
-    kernel = native.kernel(model.mechanism) if native.backend().name == "native" else None
+    kernel = native.kernel(model.mechanism) if ccpin.backend().name == "native" else None
     if kernel is not None:
         found, mask = kernel.sigma_many(queries, near, 1)
         return [(k, found[k]) for k in np.flatnonzero(mask)]
@@ -55,15 +55,15 @@ def numbers(mechanism, q_free, names):
 
 @pytest.mark.parametrize("size", SIZES)
 def test_five_bar_keeps_its_mode(rpdr_model, size):
-    """The sign of sin(q1 + q3 − q2 − q4) is the guess's, also aimed at the isolated singular point."""
+    """The sign of sin(q1 + q3 − q2 − q4) is that of `near`, also aimed at the isolated singular point."""
     rng, seen = np.random.default_rng(71), 0
     for k in range(3 * size):
         mode = 1 if k % 2 else -1
-        guess = to_free(rpdr_model.mechanism, rpdr.random_configurations(rng, 1, mode, away=1e-6)[0])
+        near = to_free(rpdr_model.mechanism, rpdr.random_configurations(rng, 1, mode, away=1e-6)[0])
         queries = rng.uniform(-np.pi, np.pi, (BATCH, 2))
         if k % 3 == 0:
             queries = rpdr.coincident_elbows() + around(rng, BATCH, 2, -6.0)
-        for _, q_free in answers(rpdr_model, queries, guess):
+        for _, q_free in answers(rpdr_model, queries, near):
             assert np.sin(rpdr.fold(to_paper(rpdr_model.mechanism, q_free))) * mode > 0
             seen += 1
     assert seen >= 3 * size  # of 15 or 150 queries each
@@ -71,7 +71,7 @@ def test_five_bar_keeps_its_mode(rpdr_model, size):
 
 @pytest.mark.parametrize("distance", [1e-5, 1e-4, 1e-3])
 def test_the_five_bar_is_followed_next_to_its_singular_point(rpdr_model, distance):
-    """Where the elbows nearly coincide joints turn far on a short way: reached in the guess's mode, not refused."""
+    """Where the elbows nearly coincide joints turn far on a short way: reached in the mode of `near`, not refused."""
     mechanism, rng, centre = rpdr_model.mechanism, np.random.default_rng(75), rpdr.coincident_elbows()
     for k in range(6):
         mode, angle = (1 if k % 2 else -1), rng.uniform(0.0, 2.0 * np.pi)
@@ -84,19 +84,19 @@ def test_the_five_bar_is_followed_next_to_its_singular_point(rpdr_model, distanc
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_open_guesses_of_the_five_bar_keep_their_mode(rpdr_model, size):
-    """Next to the isolated singular point an open guess is closed on its own side of det ψ_q′ = 0, or refused."""
+def test_open_configurations_of_the_five_bar_keep_their_mode(rpdr_model, size):
+    """Next to the isolated singular point an open one is closed on its own side of det ψ_q′ = 0, or refused."""
     rng, seen = np.random.default_rng(72), 0
     for _ in range(40 * size):
         q = rpdr.coincident_elbows() + around(rng, 1, 2, -9.0)[0] * 1e-3
-        guess = rpdr.sigma(q, rng.choice([-1.0, 1.0])) if rpdr.elongation(q) < 1.0 else np.append(q, [0.3, 0.4])
-        guess[2:] += around(rng, 1, 2, -9.0)[0] * 1e-2
+        near = rpdr.sigma(q, rng.choice([-1.0, 1.0])) if rpdr.elongation(q) < 1.0 else np.append(q, [0.3, 0.4])
+        near[2:] += around(rng, 1, 2, -9.0)[0] * 1e-2
         try:
-            q_free = rpdr_model.sigma(q + around(rng, 1, 2, -6.0)[0] * 0.1, to_free(rpdr_model.mechanism, guess))
+            q_free = rpdr_model.sigma(q + around(rng, 1, 2, -6.0)[0] * 0.1, to_free(rpdr_model.mechanism, near))
         except CcpinError:
             continue
         seen += 1
-        assert np.sin(rpdr.fold(to_paper(rpdr_model.mechanism, q_free))) * np.sin(rpdr.fold(guess)) > 0
+        assert np.sin(rpdr.fold(to_paper(rpdr_model.mechanism, q_free))) * np.sin(rpdr.fold(near)) > 0
     assert seen >= size
 
 
@@ -133,12 +133,12 @@ def test_a_branch_with_a_turned_platform_is_not_entered():
     """The line crosses a constraint singularity of the Delta: refused before it, or answered with a level platform."""
     model = ccpin.ReducedModel(ccpin.load("delta"))
     start = model.sigma([0.4931732, -0.24680134, 0.61743949])
-    for q, guess in (
+    for q, near in (
         ([-0.37462138546202794, 2.856276310741155, -0.0006546219069853976], start),
         ([9.0, 9.0, 9.0], None),
     ):
         with pytest.raises(CcpinError):
-            model.sigma(q, guess)
+            model.sigma(q, near)
 
 
 def beside_the_end(model, rng, q, near, count):

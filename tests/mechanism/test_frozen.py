@@ -10,8 +10,9 @@ import pinocchio as pin
 import pytest
 
 import ccpin
+from ccpin import LoopClosure, MechanismDescription
 from ccpin.arrays import FrozenMapping
-from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link
 from ccpin.errors import CcpinError
 from ccpin.kinematics.scratch import Scratch
 

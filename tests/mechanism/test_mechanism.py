@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin import LoopClosure, MechanismDescription
+from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link
 from ccpin.errors import DescriptionError, InvalidInputError
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism.loading.reference_search import stated_pose

@@ -9,17 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import ccpin
-from ccpin import native
-from ccpin.description import (
-    CLOSURE_KINDS,
-    Coupling,
-    CouplingTerm,
-    Inertia,
-    Joint,
-    Link,
-    LoopClosure,
-    MechanismDescription,
-)
+from ccpin import LoopClosure, MechanismDescription, native
+from ccpin.description import CLOSURE_KINDS, Coupling, CouplingTerm, Inertia, Joint, Link
 from ccpin.description.closure_kinds import GAP, Fixed, LoopRows, Product, X, Y, Z
 from ccpin.dynamics.wrenches import wrench_rows
 from ccpin.simulation.results.forces import _Bearings, _LoadCase
@@ -36,7 +27,7 @@ from tests.support.agreement import (
 from tests.support.places import MODELS, SHARED
 from tests.support.strategies import mechanisms, rigid
 
-pytestmark = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
+pytestmark = pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is not in use")
 THEIRS = (
     "four_bar.urdf",
     "mini_cheetah_leg.urdf",
@@ -49,9 +40,9 @@ FILES = [*sorted(MODELS.glob("*.urdf")), *(SHARED / name for name in THEIRS)]
 seeds = st.integers(0, 2**32 - 1)
 
 
-def assert_same(model, kernel, q, rng, guess=None):
+def assert_same(model, kernel, q, rng, near=None):
     """Every quantity of both cores within its allowance."""
-    apart = [d for d in differences(model, kernel, q, rng, guess) if not d.relative <= d.allowed]
+    apart = [d for d in differences(model, kernel, q, rng, near) if not d.relative <= d.allowed]
     assert not apart, apart
 
 

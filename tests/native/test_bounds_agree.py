@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.linalg import qr
 
+from ccpin import backend
 from ccpin.domain.closures.system import reading_of
-from ccpin.native import backend
 from ccpin.native.certifier import certifier
 from ccpin.proof.equations import problem_of
 from ccpin.proof.newton import Boxes, bounds_of

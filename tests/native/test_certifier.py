@@ -8,6 +8,7 @@ import pytest
 from scipy.linalg import qr
 
 import ccpin
+from ccpin import backend
 from ccpin.covering.cells import CellTree
 from ccpin.covering.faces import contacts_of
 from ccpin.covering.proposals.krawczyk import certify_boxes, certify_points
@@ -15,7 +16,6 @@ from ccpin.covering.proposals.solving import glued, newton
 from ccpin.covering.region import Region
 from ccpin.domain import certify
 from ccpin.domain.closures.system import reading_of
-from ccpin.native import backend
 from ccpin.native.certifier import certifier, numbers_of
 from ccpin.proof.equations import Derivatives, closure_values, closures_of, derivatives, problem_of
 from ccpin.proof.newton import Boxes, bounds_of, check

@@ -18,7 +18,7 @@ from ccpin.kinematics.clusters import find_clusters
 from ccpin.simulation.integration.core_numbers import TABLEAUX
 from tests.support.agreement import reference_model, relative
 
-native_only = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
+native_only = pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is not in use")
 
 
 @pytest.fixture(scope="module")
@@ -46,12 +46,12 @@ def test_declines_what_the_reference_refuses(delta, q):
 
 
 @native_only
-def test_declines_bad_guesses_and_efforts(delta):
-    """Guesses of the wrong size, not finite or far from closed, and v, u of the wrong size."""
+def test_declines_bad_configurations_and_efforts(delta):
+    """Configurations of the wrong size, not finite or far from closed, and v, u of the wrong size."""
     model, kernel, Q, V, U = delta
     good = model.sigma(Q[0])
-    for guess in (good[:-1], np.full_like(good, np.nan), good + 5.0):
-        assert kernel.sigma(Q[0], guess) is None
+    for near in (good[:-1], np.full_like(good, np.nan), good + 5.0):
+        assert kernel.sigma(Q[0], near) is None
     assert kernel.forward_dynamics(good, V[0, :2], U[0]) is None
     assert kernel.forward_dynamics(good, V[0], np.append(U[0], 1.0)) is None
     assert kernel.forward_dynamics(good, V[0] * np.nan, U[0]) is None
@@ -59,11 +59,11 @@ def test_declines_bad_guesses_and_efforts(delta):
 
 
 @native_only
-def test_an_open_guess_is_closed_first(delta):
-    """A guess open by a little still leads to σ(q) on its branch, as in the reference."""
+def test_an_open_configuration_is_closed_first(delta):
+    """A configuration open by a little still leads to σ(q) on its branch, as in the reference."""
     model, kernel, Q, *_ = delta
-    guess = model.sigma(Q[0]) + 0.01 * np.random.default_rng(1).normal(size=model.mechanism.nq)
-    np.testing.assert_allclose(kernel.sigma(Q[1], guess), model.sigma(Q[1], guess), rtol=0, atol=1e-12)
+    near = model.sigma(Q[0]) + 0.01 * np.random.default_rng(1).normal(size=model.mechanism.nq)
+    np.testing.assert_allclose(kernel.sigma(Q[1], near), model.sigma(Q[1], near), rtol=0, atol=1e-12)
 
 
 @native_only
@@ -223,11 +223,11 @@ def test_clusters_of_a_tree():
 def test_backend_is_chosen_by_the_environment(monkeypatch):
     """CCPIN_BACKEND=numpy switches the core off; another word is refused."""
     monkeypatch.setenv(native.VARIABLE, "numpy")
-    assert native.backend() == ("numpy", "CCPIN_BACKEND=numpy")
+    assert ccpin.backend() == ("numpy", "CCPIN_BACKEND=numpy")
     assert native.kernel(ccpin.load("rpdr")) is None
     monkeypatch.setenv(native.VARIABLE, "fortran")
     with pytest.raises(InvalidInputError, match="must be numpy or native"):
-        native.backend()
+        ccpin.backend()
 
 
 def test_without_the_core_numpy_does_the_work():

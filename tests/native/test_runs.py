@@ -6,20 +6,21 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin import native
-from ccpin.control import NoTorque, PDFullGravity, PDSimpleGravity, TorqueFunction
+from ccpin.control import PDFullGravity, PDSimpleGravity, TorqueFunction
+from ccpin.control.laws import NoTorque
 from ccpin.control.references import PointToPoint, Waypoints
 from ccpin.control.sampling import SampledCommands, Sampling
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus
 from ccpin.dynamics import Wrench
 from ccpin.dynamics.wrenches import wrench_rows
-from ccpin.simulation import Settling, Stop
+from ccpin.simulation import Settling
+from ccpin.simulation.events.samples import Stop
 from ccpin.simulation.events.watches import Instant
 from ccpin.simulation.integration import simulator
 from ccpin.simulation.integration.core_runs import run_in_core
 from tests.support.agreement import reference_model
 
-pytestmark = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
+pytestmark = pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is not in use")
 
 
 def in_core(
@@ -295,7 +296,7 @@ def test_speeds_whose_squares_are_no_numbers_end_a_run(rpdr_model, method, speed
     q0, v0 = rpdr_model.alpha(rpdr_model.mechanism.q_reference), np.array([speed, 0.0])
     ran = ccpin.simulate(rpdr_model, None, q0, v0, duration=0.01, method=method)
     assert (ran.status, len(ran.t)) == ("singular", 1)
-    simulator = ccpin.simulation.Simulator(rpdr_model, method=method)
+    simulator = ccpin.Simulator(rpdr_model, method=method)
     simulator.reset(q0, v0)
     assert simulator.step(np.zeros(2), 0.01).t == 0.0
     assert simulator.stop.status == "singular"

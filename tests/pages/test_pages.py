@@ -6,7 +6,9 @@ import re
 import pytest
 from matplotlib.figure import Figure
 
-from ccpin.pages import Section, bullets, embedded, figure, formula, paragraphs, render, table, tabs, versions
+from ccpin.pages.html_page import Section, render
+from ccpin.pages.parts import bullets, embedded, figure, formula, paragraphs, table, tabs
+from ccpin.pages.provenance import versions
 from tests.support.browser import click, opened
 
 

@@ -11,6 +11,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.paper import control as control_items
 from ccpin.paper import modeling, printed, reduced, robot, study
 from ccpin.paper import omega as domain_items
+from ccpin.paper.reproduction import COUNT, Reproduction
 from tests.oracles import rpdr as oracle
 from tests.support.browser import click, opened
 
@@ -40,7 +41,7 @@ def test_every_item_is_within_its_bound(found):
     assert whole.agrees
     assert tuple(item.number for item in whole.items) == NUMBERS
     assert tuple(told) == whole.items
-    assert len(whole.items) == paper.COUNT
+    assert len(whole.items) == COUNT
     assert all(item.reason and item.compared and item.paper and item.ours for item in whole.items)
 
 
@@ -96,7 +97,7 @@ def test_a_difference_would_be_seen(monkeypatch, name, changed, chapter, number)
 
 def test_table_one_is_the_tables_of_the_paper():
     """The radii by their rows: exact ones by the closed form, none above, the closest form where it was found."""
-    rows = paper.radii(paper.Study())
+    rows = paper.Study().radii
     assert [row.exact for row in rows] == pytest.approx([15.056, 3.467, 40.737, 13.056], abs=1e-3)
     assert [row.closest for row in rows] == pytest.approx([4.31, 1.13, 1.59, 0.86], abs=5e-3)
     for row in rows:
@@ -182,7 +183,7 @@ def test_a_page_that_cannot_be_written_is_told_before_it_is_computed(tmp_path, m
     assert main(["paper", "-o", str(tmp_path)]) == 1
     assert "it is a folder" in capsys.readouterr().err
     with pytest.raises(InvalidInputError, match="folder"):
-        paper.write(paper.Reproduction((), (), (), 0.0, ""), tmp_path)
+        paper.write(Reproduction((), (), (), 0.0, ""), tmp_path)
 
 
 def test_ctrl_c_is_not_swallowed(monkeypatch):

@@ -15,12 +15,15 @@ import pytest
 import ccpin
 from ccpin import control, domain, plotting, simulation, validated
 from ccpin.control import PDFullGravity, PDSimpleGravity, PointToPoint, TorqueFunction
+from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.covering import runner, sources
 from ccpin.covering.proposals import tasks
 from ccpin.description import scaled
 from ccpin.errors import CcpinError, DifferentSubjectsError
 from ccpin.proof.digests import Digests, UndigestedError, digest, require_same
+from ccpin.simulation.plant.stick_slip import friction_force
 from ccpin.simulation.results import saving
+from ccpin.simulation.results.forces import closure_forces_at
 
 GOAL, GAINS = [-1.57, -1.75], ([11.0, 11.0], [0.65, 0.60])
 REGION = (np.array([-1.65, -1.85]), np.array([-1.5, -1.65]))
@@ -71,7 +74,7 @@ class Things:
 
     @cached_property
     def certificate(self):
-        return control.certify_set_point(self.model, GOAL, *GAINS, budget=control.Budget(10, 60))
+        return control.certify_set_point(self.model, GOAL, *GAINS, max_depth=10, budget=60)
 
 
 @pytest.fixture(scope="module")
@@ -101,14 +104,14 @@ CROSSED = {
     "closure_forces": (EVERY, lambda a, b: simulation.closure_forces(a.model, b.motion)),
     "closure_forces_at": (
         MECHANISMS,
-        lambda a, b: simulation.closure_forces_at(a.model, b.model.at(GOAL), [0.0, 0.0], [0.0, 0.0]),
+        lambda a, b: closure_forces_at(a.model, b.model.at(GOAL), [0.0, 0.0], [0.0, 0.0]),
     ),
     "joint_forces": (EVERY, lambda a, b: simulation.joint_forces(a.model, b.motion)),
     "demands": (EVERY, lambda a, b: simulation.demands(a.model, b.motion)),
     "exceeded": (CLOSURES, lambda a, b: simulation.exceeded(a.model, b.motion)),
     "friction_force": (
         MECHANISMS,
-        lambda a, b: simulation.friction_force(a.model, 0.1, b.model.at(GOAL), [0, 0], [0, 0]),
+        lambda a, b: friction_force(a.model, 0.1, b.model.at(GOAL), [0, 0], [0, 0]),
     ),
     "set_point_metrics": (CLOSURES, lambda a, b: simulation.set_point_metrics(a.motion, b.mechanism, GOAL)),
     "lyapunov_along": (EVERY, lambda a, b: simulation.lyapunov_along(a.law, b.motion)),
@@ -117,7 +120,7 @@ CROSSED = {
     "plot_radius_map": (CLOSURES, lambda a, b: plotting.plot_radius_map(a.mechanism, b.atlas, 4)),
     "plot_sheets": (CLOSURES, lambda a, b: plotting.plot_sheets(a.mechanism, b.sheets)),
     "certify_set_point": (CLOSURES, lambda a, b: control.certify_set_point(a.model, GOAL, *GAINS, b.atlas)),
-    "certify_law": (CLOSURES, lambda a, b: control.certify_law(a.law, b.atlas)),
+    "certify_law": (CLOSURES, lambda a, b: certify_law(a.law, b.atlas)),
     "suggest_gains": (CLOSURES, lambda a, b: control.suggest_gains(a.model, GOAL, b.atlas)),
     "certify_move": (EVERY, lambda a, b: validated.certify_move(a.model, b.law, GOAL, arrival=0.1)),
     "certify_move, arrival": (
@@ -275,7 +278,7 @@ def test_files_carry_digests(ours, tmp_path):
     """A saved motion is of its mechanism; one without digests is refused, naming why."""
     path = tmp_path / "motion.npz"
     ours.motion.save(path)
-    assert simulation.load_npz(path).origin == ours.motion.origin
+    assert ccpin.Trajectory.load(path).origin == ours.motion.origin
     header, arrays = saving.packed(ours.motion._asdict())
     header.pop("origin")
     without = saving.TRAJECTORY._replace(
@@ -283,7 +286,7 @@ def test_files_carry_digests(ours, tmp_path):
     )
     without.write(path, header, arrays)
     with pytest.raises(CcpinError, match="origin"):
-        simulation.load_npz(path)
+        ccpin.Trajectory.load(path)
 
 
 @pytest.mark.parametrize("name", ["rpdr", "delta", "stewart", "bennett", "slider_crank"])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin import domain
+from ccpin.covering.cells import CellStatus
 from ccpin.covering.proposals.platforms import platform_empty
-from ccpin.domain import CellStatus, certify
+from ccpin.domain import certify, scalar_coordinates_at
 from ccpin.domain.closures.system import reading_of
 from ccpin.proof.chains import Chain, stack_chains
 from ccpin.proof.emptiness import drift, platform_of
@@ -88,7 +88,7 @@ def _head(rng, count):
 def test_cells_of_an_atlas_are_emptied():
     """Of the 3-RRR's turns, where the triangle inequality says nothing: 20,000 points, and an end in time."""
     mechanism = ccpin.load("planar_3rrr")
-    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     atlas = certify(mechanism, q0, max_depth=4, exhaustive=True, resolution=0.1, seconds=20.0)
     q = np.random.default_rng(3).uniform(-np.pi, np.pi, (20_000, 3))
     modes, doubtful = three_legs.modes(q)

@@ -11,6 +11,7 @@ from ccpin import report
 from ccpin.cli import main
 from ccpin.errors import InvalidInputError
 from ccpin.report import set_point_move, validity
+from ccpin.report.page import PARTS
 from tests.support.browser import opened
 from tests.support.places import SHARED
 
@@ -50,7 +51,7 @@ def test_reports_of_the_zoo(name, words, tmp_path, request):
     """What each mechanism's page says; no part is missing, and every address is in the file."""
     page, done = request.getfixturevalue("five_bar") if name == "rpdr" else written(name, tmp_path)
     assert done.failed == {}
-    assert set(done.seconds) == set(report.PARTS)
+    assert set(done.seconds) == set(PARTS)
     for word in ("What it is", "Where the model holds", "An experiment", "To repeat this page", *words):
         assert word in page or word in _titles(page), word
     outside = re.sub(r'srcdoc="[^"]*"', "", page)
@@ -152,7 +153,7 @@ def test_the_command(tmp_path, capsys):
     assert main(["report", "slider_crank", "-o", str(page), "--depth", "3", "--duration", "0.2"]) == 0
     assert f"wrote {page}" in capsys.readouterr().out
     assert main(["report", "slider_crank", "-o", str(page), "--depth", "3", "--duration", "0.2", "--json"]) == 0
-    assert set(json.loads(capsys.readouterr().out)["seconds"]) == set(report.PARTS)
+    assert set(json.loads(capsys.readouterr().out)["seconds"]) == set(PARTS)
     assert main(["report", "slider_crank", "-o", str(tmp_path)]) == 1
     assert "it is a folder" in capsys.readouterr().err
 

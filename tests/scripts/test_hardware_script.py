@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ccpin.cli import main
-from ccpin.paper import BENCH
+from ccpin.paper.study import BENCH
 from tests.support.loading import script
 from tests.support.paper import MOVE_OPTIONS
 

@@ -12,13 +12,17 @@ import pytest
 
 import ccpin
 from ccpin import domain
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import theorem2
 from ccpin.errors import InvalidInputError
-from ccpin.studio import Session, Subject, recorded_run
+from ccpin.studio import recorded_run
 from ccpin.studio.cache import Cache, fingerprint
 from ccpin.studio.dials import Dials
 from ccpin.studio.jobs import Cancelled, Jobs
 from ccpin.studio.map_pieces import Charted, cells_of
 from ccpin.studio.modes_here import Branches
+from ccpin.studio.session import Session
+from ccpin.studio.subject import Subject
 from tests.support.places import SHARED
 
 
@@ -153,7 +157,7 @@ def test_the_chart_is_the_atlas_and_is_kept(tmp_path):
     cells = np.frombuffer(base64.b64decode(chart["cells"]["corners"]), dtype=np.float32).reshape(-1, 2, 1)
     status = np.frombuffer(base64.b64decode(chart["cells"]["status"]), dtype=np.uint8)
     widths = (cells[:, 1] - cells[:, 0])[:, 0]
-    share = widths[status == domain.CellStatus.CERTIFIED].sum() / float(np.ptp(chart["region"]))
+    share = widths[status == CellStatus.CERTIFIED].sum() / float(np.ptp(chart["region"]))
     assert share == pytest.approx(atlas.certified_fraction, abs=1e-5)
     assert "from the cache" not in chart["words"]
     assert "from the cache" in Desk(subject).result("chart", "chart")["words"]
@@ -225,12 +229,12 @@ def test_what_is_proved_takes_the_place_of_samples(subjects):
 
 
 def test_the_square_is_theorem_2(subjects):
-    """Its radius is `theorem2_radius` about where the mechanism is."""
+    """Its radius is Theorem 2's about where the mechanism is."""
     desk = Desk(subjects("rpdr"))
     desk.order("drive", q=[-1.8, -1.3])
     square = desk.result("square", "square")
     assert square["centre"] == pytest.approx([-1.8, -1.3])
-    assert square["radius"] == pytest.approx(domain.theorem2_radius(desk.subject.mechanism, desk.session.here.q_free))
+    assert square["radius"] == pytest.approx(theorem2(desk.subject.mechanism, desk.session.here.q_free).radius)
 
 
 def test_the_sublevel_is_certified_and_its_edge_is_at_c(subjects):
@@ -302,7 +306,7 @@ def test_recording_keeps_what_was_driven(subjects, tmp_path):
     saved = desk.order("save", format="npz")
     path = tmp_path / saved["name"]
     path.write_bytes(base64.b64decode(saved["content"]))
-    loaded = ccpin.simulation.load_npz(path)
+    loaded = ccpin.Trajectory.load(path)
     assert loaded.q[-1] == pytest.approx(desk.session.here.q)
     assert desk.order("save", format="exe")["kind"] == "error"
     desk.order("record")

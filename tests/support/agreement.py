@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from ccpin import ReducedModel, native
-from ccpin.dynamics import State, Wrench
+from ccpin import ReducedModel, State, native
+from ccpin.dynamics import Wrench
 from ccpin.dynamics.derivatives import ForwardDynamicsDerivatives, GeneralizedForceDerivatives
 from ccpin.dynamics.wrenches import wrench_rows
 from ccpin.errors import CcpinError
@@ -74,7 +74,7 @@ def allowed(name, kappa, kappa_mass, tolerance):
     return 1e-12 * growth * (max(1.0, kappa_mass / 1e3) if divides else 1.0)
 
 
-def differences(model, kernel, q, rng, guess=None):
+def differences(model, kernel, q, rng, near=None):
     """Every quantity at σ(q) and random q̇, q̈, u and wrenches on links.
 
     Where one is beyond what κ allows, both are asked at dozens of q′ beside the state's, hundreds of roundings off:
@@ -83,11 +83,11 @@ def differences(model, kernel, q, rng, guess=None):
     Raises:
         CcpinError: The reference refuses the state.
     """
-    state = model.at(q, guess)
+    state = model.at(q, near)
     v, a, u = rng.normal(size=model.n), rng.normal(size=model.n), rng.normal(size=model.n_actuated)
     pushed = random_wrenches(model, rng)
     reference = dict(_reference(model, state, v, a, u, pushed))
-    native = dict(_native(kernel, state, q, guess, v, a, u, wrench_rows(model.mechanism.tree, pushed)))
+    native = dict(_native(kernel, state, q, near, v, a, u, wrench_rows(model.mechanism.tree, pushed)))
     kappa, kappa_mass = 1.0 / state.rcond, float(np.linalg.cond(reference["D"])) if model.n else 1.0
     limits = kappa, kappa_mass, model.parametrization.rules.tolerance
     found = [
@@ -137,9 +137,9 @@ def _reference(model, state, v, a, u, pushed):
         yield from ((name + field, value) for field, value in slopes.items())
 
 
-def _native(kernel, state, q, guess, v, a, u, pushed):
+def _native(kernel, state, q, near, v, a, u, pushed):
     q_free, names = state.q_free, ("q_free", "v_free", "rho", "rho_dot", "D", "C", "g")
-    yield "sigma", kernel.sigma(q, guess)
+    yield "sigma", kernel.sigma(q, near)
     yield from zip(("phi", "jacobian"), kernel.constraints(q_free), strict=True)
     yield "jacobian_rate", kernel.constraint_rate(q_free, state.v_free(v))
     yield from zip(names[1:], kernel.terms(q_free, v)[1:], strict=True)
@@ -162,10 +162,10 @@ def random_states(model, rng, count, size=0.3):
         yield model.coordinates.integrate(start, size * (k + 1) / count * rng.normal(size=model.n))
 
 
-def refused(model, q, guess=None):
+def refused(model, q, near=None):
     """Whether the reference refuses σ(q)."""
     try:
-        model.sigma(q, guess)
+        model.sigma(q, near)
     except CcpinError:
         return True
     return False

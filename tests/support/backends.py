@@ -2,7 +2,7 @@
 
 import pytest
 
-from ccpin import native
+import ccpin
 
-same_on_both = pytest.mark.skipif(native.backend().name != "native", reason="the same lines; the reference takes long")
+same_on_both = pytest.mark.skipif(ccpin.backend().name != "native", reason="the same lines; the reference takes long")
 """What is tested is the Python around the equations of motion, which the compiled core computes sooner."""

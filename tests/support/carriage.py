@@ -3,7 +3,8 @@
 import numpy as np
 
 import ccpin
-from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link, MechanismDescription
+from ccpin import MechanismDescription
+from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link
 
 AXES = {"x": [1.0, 0, 0], "z": [0, 0, 1.0]}
 

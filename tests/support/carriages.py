@@ -3,7 +3,8 @@
 import numpy as np
 
 import ccpin
-from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin import LoopClosure, MechanismDescription
+from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link
 
 X, Y, Z = np.eye(3)
 _BODY = Inertia(1.0, np.zeros(3), 0.01 * np.eye(3))

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ccpin.description import Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin import LoopClosure, MechanismDescription
+from ccpin.description import Inertia, Joint, Link
 
 Z = np.array([0.0, 0.0, 1.0])
 CRANK, COUPLER, ROCKER, GROUND = 0.3, 0.8, 0.6, 0.7

@@ -3,7 +3,8 @@
 import numpy as np
 
 import ccpin
-from ccpin.description import Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin import LoopClosure, MechanismDescription
+from ccpin.description import Inertia, Joint, Link
 from tests.oracles.five_bar import FiveBar
 
 JOINTS = ("joint1", "joint2", "joint3", "joint4")

@@ -14,7 +14,8 @@ import numpy as np
 from ccpin.auditing import reading
 from ccpin.auditing.declared import ATLAS, CURVES, SHEETS
 from ccpin.containers import checksum
-from ccpin.domain import Atlas, CellStatus, SheetAtlas, SingularCover
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import Atlas, SheetAtlas, SingularCover
 from ccpin.errors import CcpinError
 
 GROUPS = ("box_", "glued_", "members_", "left_", "singular_", "tube_", "uncovered_", "curve_", "tree_")

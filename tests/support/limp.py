@@ -11,7 +11,7 @@ class Limp(ControlLaw):
     def __init__(self, motors):
         self.motors = motors
 
-    def torque(self, t, q, v, guess=None):
+    def torque(self, t, q, v, near=None):
         """Zeros."""
         return np.zeros(self.motors)
 

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.description import Inertia, Joint, Link, LoopClosure, MechanismDescription, read_description
+from ccpin import LoopClosure, MechanismDescription
+from ccpin.description import Inertia, Joint, Link, read_description
 from tests.support.places import MODELS
 
 Z = np.array([0.0, 0.0, 1.0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ccpin.description import MechanismDescription
+from ccpin import MechanismDescription
 from tests.support.places import SHARED
 from tests.support.reading import read_mjcf
 

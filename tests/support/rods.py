@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccpin.description import Inertia, Joint, Link, LoopClosure, MechanismDescription, read_description
+from ccpin import LoopClosure, MechanismDescription
+from ccpin.description import Inertia, Joint, Link, read_description
 from tests.support.walkthrough import file
 
 Y, Z = np.eye(3)[1:]

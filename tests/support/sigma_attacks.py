@@ -19,8 +19,8 @@ class WithWrongSigma(ControlLaw):
     def __init__(self, law, error):
         self.law, self.error, self.rows = law, error, dependent_rows(law.model)
 
-    def torque(self, t, q, v, guess=None):
-        return self.torque_at(t, self.law.state(q, guess), v)
+    def torque(self, t, q, v, near=None):
+        return self.torque_at(t, self.law.state(q, near), v)
 
     def torque_at(self, t, state, v):
         return efforts(self.law, self.rows, t, state, v, self.error(t, state, v))

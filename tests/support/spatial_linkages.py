@@ -7,7 +7,8 @@ form, in chains and trees of one to three loops. Or they are four-bars in space 
 
 import numpy as np
 
-from ccpin.description import Joint, LoopClosure
+from ccpin import LoopClosure
+from ccpin.description import Joint
 from tests.oracles import linkage_counts as oracle
 from tests.support.carriages import at, joint, linkage
 from tests.support.random_linkages import Case, bounds, box, interval, lengths, limits, spring, told

@@ -12,7 +12,8 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ccpin.description import CLOSURE_KINDS, Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin import LoopClosure, MechanismDescription
+from ccpin.description import CLOSURE_KINDS, Inertia, Joint, Link
 
 DOF = {"revolute": 1, "continuous": 1, "prismatic": 1, "spherical": 3, "planar": 3, "floating": 6}
 ROWS = {

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link, MechanismDescription
+from ccpin import MechanismDescription
+from ccpin.control.laws import NoTorque
+from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link
 from ccpin.errors import CcpinError, UnsupportedMechanismError
 from tests.support.ball_joint import ball_joint
 from tests.support.families import revolute_delta
@@ -189,10 +191,10 @@ def law_of(model, start, offset=0.05):
 
 def assert_encloses(model, law, state, v, duration, **options):
     """The enclosure is proven, thin, and holds what an integrator computes; returned."""
-    found = enclose(model, law, state.q, v, duration, guess=state.q_free, **QUICK | options)
+    found = enclose(model, law, state.q, v, duration, near=state.q_free, **QUICK | options)
     sample = ccpin.simulate(
         model,
-        law or ccpin.control.NoTorque(model),
+        law or NoTorque(model),
         state,
         v,
         duration=duration,
@@ -302,7 +304,7 @@ def test_a_geared_wheel_turns_on():
     crank, wheel, _ = found.inputs(0.5)
     assert wheel > 2 * np.pi
     assert (wheel - 3 * crank).contains(0)
-    sample = ccpin.simulate(model, ccpin.control.NoTorque(model), [0.2], [15.0], duration=0.5, **FINE)
+    sample = ccpin.simulate(model, NoTorque(model), [0.2], [15.0], duration=0.5, **FINE)
     assert all(found.contains(*at_t, tolerance=1e-8) for at_t in zip(sample.t, sample.q_free, sample.v, strict=True))
 
 
@@ -312,7 +314,7 @@ def test_rows_left_out_are_bounded_along_the_motion():
 
     model = ccpin.ReducedModel(ccpin.load("bennett"))
     state, v = random_state(model)
-    found = enclose(model, None, state.q, v, 0.05, guess=state.q_free, **QUICK)
+    found = enclose(model, None, state.q, v, 0.05, near=state.q_free, **QUICK)
     loop = found.loop._replace(left_out=found.loop.energies)
     for step, begin in zip(found.steps, found.times[:-1], strict=True):
         largest = max(
@@ -425,12 +427,12 @@ def test_sets_of_starts(name):
     """Tubes of mechanisms with ball joints, and with redundant rows: starts simulated one by one stay inside."""
     model = ccpin.ReducedModel(MECHANISMS[name]())
     state, v = random_state(model)
-    found = enclose_set(model, None, state.q, v, 0.01, spread=(1e-3, 1e-2), guess=state.q_free, cells=2, **QUICK)
+    found = enclose_set(model, None, state.q, v, 0.01, spread=(1e-3, 1e-2), near=state.q_free, cells=2, **QUICK)
     assert found.verdict == "proven"
     largest = 0.0
     for signs in ([1.0, 1.0], [1.0, -1.0], [-1.0, 0.3]):
         start = state.q + 1e-3 * signs[0], v + 1e-2 * signs[1]
-        motion = ccpin.simulate(model, ccpin.control.NoTorque(model), *start, duration=0.01, **FINE)
+        motion = ccpin.simulate(model, NoTorque(model), *start, duration=0.01, **FINE)
         for t, q, speed in zip(motion.t, motion.q, motion.v, strict=True):
             assert found.contains(t, q, speed, 1e-6)
         largest = max(largest, np.abs(found.tubes[0].coordinates(0.01, q, speed)).max())

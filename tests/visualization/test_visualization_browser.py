@@ -20,6 +20,7 @@ import ccpin
 from ccpin import visualization
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.visualization.live import LiveRecorder
+from ccpin.visualization.scene import Scene
 from ccpin.visualization.scene_page import CommandRecorder
 from tests.support.browser import chromium, click, opened, pixels, press, settle
 from tests.support.pages import bare, five_bar, five_bar_swing, urdf_frames
@@ -41,7 +42,7 @@ def test_recorder_forgets_what_is_overridden(rpdr, swing):
     """Moving a mechanism many times costs no memory."""
     meshcat = pytest.importorskip("meshcat")
     recorder = CommandRecorder()
-    scene = visualization.Scene(rpdr, meshcat.Visualizer(window=recorder))
+    scene = Scene(rpdr, meshcat.Visualizer(window=recorder))
     for pose in swing[1]:
         scene.place(pose)
         once = len(recorder.commands)

@@ -16,6 +16,7 @@ from ccpin import visualization
 from ccpin.description import Shape, Visual
 from ccpin.visualization.camera import ASPECT, FIELD_OF_VIEW, FILL, frame_points, plane_normal, view_directions
 from ccpin.visualization.drawn_bodies import drawn_bodies
+from ccpin.visualization.scene import Scene
 from ccpin.visualization.scene_page import CommandRecorder
 from ccpin.visualization.shapes import RINGS, SIDES, Triangles, corners, hull, parts, read_mesh, tube
 from ccpin.visualization.stick_figure import held_points
@@ -237,7 +238,7 @@ def test_a_distance_closure_is_a_rod_between_its_ends():
     """It was drawn nowhere: a four-bar's crank and rocker moved as if by magic. Ends are those of the closed form."""
     meshcat = pytest.importorskip("meshcat")
     mechanism = ccpin.load(rod_four_bar())
-    scene = visualization.Scene(mechanism, meshcat.Visualizer(window=CommandRecorder()))
+    scene = Scene(mechanism, meshcat.Visualizer(window=CommandRecorder()))
     crank, ground, rocker, rod = FOUR_BAR
     (number,) = [k for k, body in enumerate(scene.bodies) if body.name == "rod (rod)"]
     assert {visual.shape.kind for visual in scene.bodies[number].visuals} == {"cylinder", "sphere"}

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import shtab
 
-from ccpin.description import installed_models
+from ccpin.description.finding import installed_models
 
 N = TypeVar("N", int, float)
 

@@ -17,7 +17,7 @@ from ccpin.cli.certificates import curve_facts, curves_in_words, sheet_facts, sh
 from ccpin.cli.command import INTERRUPTED, complete, count, index, judged
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import busy, progress_bar
-from ccpin.dynamics import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 

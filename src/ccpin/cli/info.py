@@ -13,8 +13,8 @@ from ccpin.cli.command import count, positive
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import progress_bar
 from ccpin.description.joint_kinds import JOINT_KINDS
-from ccpin.dynamics import ReducedModel
 from ccpin.dynamics.assembly import INTERRUPTED, AssemblyModes, ModeSearch, assembly_modes
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.native import backend
 

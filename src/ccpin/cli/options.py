@@ -13,9 +13,9 @@ from ccpin.cli.command import MECHANISM, complete, index, nonnegative, positive
 from ccpin.cli.progress import busy
 from ccpin.control.sampling import Sampling
 from ccpin.description import FORMATS
-from ccpin.dynamics import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
-from ccpin.mechanism import load as load_mechanism
+from ccpin.mechanism.loading.loader import load as load_mechanism
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.plant.limits import Effort, Limits, Position, Velocity
 from ccpin.simulation.plant.motors import MotorModel

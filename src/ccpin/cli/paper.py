@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ccpin.cli.command import PROVEN, REFUTED
 from ccpin.cli.progress import progress_bar
 from ccpin.files import writable_target
+
+if TYPE_CHECKING:
+    from ccpin.paper.item import Item
 
 _BAR = "{l_bar}{bar}| {n_fmt} of {total_fmt} items, {postfix}"
 
@@ -26,16 +29,17 @@ def add_paper(commands: Any) -> None:
 
 def _paper(options: argparse.Namespace) -> int:
     from ccpin import paper
+    from ccpin.paper.reproduction import COUNT
 
     if options.out is not None:
         writable_target(options.out)  # told before minutes are spent
-    done: list[paper.Item] = []
+    done: list[Item] = []
 
-    def tell(item: paper.Item) -> tuple[float, str]:
+    def tell(item: Item) -> tuple[float, str]:
         done.append(item)
         return float(len(done)), item.number
 
-    with progress_bar(options.json, float(paper.COUNT), _BAR, tell) as progress:
+    with progress_bar(options.json, float(COUNT), _BAR, tell) as progress:
         found = paper.reproduce(progress)
     if options.out is not None:
         paper.write(found, options.out)

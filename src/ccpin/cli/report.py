@@ -31,6 +31,7 @@ def add_report(commands: Any) -> None:
 
 def _report(options: argparse.Namespace) -> int:
     from ccpin import report
+    from ccpin.report.page import PARTS
 
     mechanism = load(options)
     start, goal = vector(options, "start", mechanism), vector(options, "goal", mechanism)
@@ -42,7 +43,7 @@ def _report(options: argparse.Namespace) -> int:
         return len(done) - 1.0, part
 
     command = shlex.join(["ccpin", *sys.argv[1:]]) if Path(sys.argv[0]).stem in ("ccpin", "__main__") else None
-    with progress_bar(options.json, float(len(report.PARTS)), _BAR, tell) as progress:
+    with progress_bar(options.json, float(len(PARTS)), _BAR, tell) as progress:
         written = report.write(mechanism, options.out, settings, command=command, progress=progress)
     if options.json:
         print(json.dumps(written._asdict() | {"path": str(written.path)}, indent=2))

@@ -14,13 +14,17 @@ from ccpin.arrays import Array
 from ccpin.cli.command import INTERRUPTED, complete, count, nonnegative, positive
 from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, each, load, vector
 from ccpin.cli.progress import busy
-from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity, local_gains
-from ccpin.dynamics import ReducedModel
+from ccpin.control import ControlLaw, PDFullGravity, PDSimpleGravity, local_gains
+from ccpin.control.laws import NoTorque
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.simulation import METHODS, Settling, Simulator, SupervisedMotion, Trajectory, exceeded, supervise
+from ccpin.simulation import Settling, exceeded, supervise
+from ccpin.simulation.integration.simulator import METHODS, Simulator
 from ccpin.simulation.results.metrics import set_point_metrics
+from ccpin.simulation.results.trajectory import Trajectory
+from ccpin.simulation.studies.supervision import SupervisedMotion
 
 _EXAMPLES = """\
 example: ccpin simulate rpdr --goal-deg -90 -100 --out out
@@ -99,7 +103,7 @@ def _law(model: ReducedModel, options: argparse.Namespace, goal: Array, q_free: 
         return NoTorque(model)
     law = PDSimpleGravity if options.law == "simple" else PDFullGravity
     if options.kp is None and options.kv is None:
-        return law(model, goal, *local_gains(model, goal, guess=q_free), q_free)
+        return law(model, goal, *local_gains(model, goal, near=q_free), q_free)
     if options.kp is None or options.kv is None:
         raise InvalidInputError("--kp and --kv belong together (one for each independent velocity, or one number)")
     return law(model, goal, _gain(options, "kp", model.n), _gain(options, "kv", model.n), q_free)

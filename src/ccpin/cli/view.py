@@ -16,7 +16,7 @@ from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.errors import InvalidInputError
 from ccpin.simulation.results.forces import closure_forces
-from ccpin.simulation.results.trajectory import load_npz
+from ccpin.simulation.results.trajectory import Trajectory
 
 _EXAMPLES = """\
 example: ccpin view delta --out delta.html
@@ -42,9 +42,10 @@ def add_view(commands: Any) -> None:
 
 def _view(options: argparse.Namespace) -> None:
     from ccpin import visualization
+    from ccpin.visualization.film import FILMS
 
     mechanism = load(options)
-    motion = None if options.trajectory is None else load_npz(options.trajectory)
+    motion = None if options.trajectory is None else Trajectory.load(options.trajectory)
     shown: dict[str, Any] = {}
     if motion is not None:
         with busy(options.json, "computing the forces"):
@@ -53,7 +54,7 @@ def _view(options: argparse.Namespace) -> None:
     elif options.trace is not None or options.forces:
         raise InvalidInputError("--trace and --forces go with --trajectory: a pose alone has neither path nor forces")
     if options.out is not None:
-        film = options.out.suffix.lower() in visualization.FILMS
+        film = options.out.suffix.lower() in FILMS
         with progress_bar(options.json) if film else busy(options.json, "drawing") as drawn:
             if motion is None:
                 visualization.snapshot(mechanism, None, options.out)

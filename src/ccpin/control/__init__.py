@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-from ccpin.control.laws import ControlLaw, CoulombCompensation, NoTorque, PDFullGravity, PDSimpleGravity, TorqueFunction
-from ccpin.control.online import OnlineLaw, OnlineReport, OnlineSigma, capped_sigma
-from ccpin.control.references import Hold, PointToPoint, Reference, ReferenceState, Waypoints, through_points
+from ccpin.control.laws import ControlLaw, CoulombCompensation, PDFullGravity, PDSimpleGravity, TorqueFunction
+from ccpin.control.online import OnlineLaw, OnlineSigma
+from ccpin.control.references import Hold, PointToPoint, Reference, Waypoints, through_points
 from ccpin.control.sampling import Sampling
 from ccpin.control.servos import Servos
-from ccpin.control.stability.set_point.flood import Budget, Flooded
-from ccpin.control.stability.set_point.gains import Gains, local_gains, suggest_gains
-from ccpin.control.stability.set_point.theorem3 import SetPointCertificate, certify_law, certify_set_point
-from ccpin.control.stability.set_point.well import RegionSamples, sample_region
-from ccpin.control.stability.tracking.on_line import OnlineDemand
-from ccpin.control.stability.tracking.tracking_error import TrackingCertificate, certify_tracking, largest_sigma_error
-from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw, WithSigmaError
+from ccpin.control.stability.set_point.gains import local_gains, suggest_gains
+from ccpin.control.stability.set_point.theorem3 import certify_set_point
+from ccpin.control.stability.tracking.tracking_error import certify_tracking, largest_sigma_error
+from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, WithSigmaError
 
 __all__ = [
-    "Budget",
     "ComputedTorque",
     "ControlLaw",
     "CoulombCompensation",
-    "Flooded",
-    "Gains",
     "Hold",
-    "NoTorque",
-    "OnlineDemand",
     "OnlineLaw",
-    "OnlineReport",
     "OnlineSigma",
     "PDFullGravity",
     "PDOnlineGravity",
@@ -34,23 +25,16 @@ __all__ = [
     "PDSimpleGravity",
     "PointToPoint",
     "Reference",
-    "ReferenceState",
-    "RegionSamples",
     "Sampling",
     "Servos",
-    "SetPointCertificate",
     "TorqueFunction",
-    "TrackingCertificate",
-    "TrackingLaw",
     "Waypoints",
     "WithSigmaError",
-    "capped_sigma",
-    "certify_law",
     "certify_set_point",
     "certify_tracking",
     "largest_sigma_error",
     "local_gains",
-    "sample_region",
     "suggest_gains",
     "through_points",
 ]
+__dir__ = __all__.copy

@@ -41,14 +41,14 @@ class ControlLaw(abc.ABC):
     everywhere: bool = False
 
     @abc.abstractmethod
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
         """The efforts of the actuated joints, of shape (motors,).
 
         Args:
             t: Time in seconds.
             q: Independent coordinates, of shape (model.nq,).
             v: Their velocities, of shape (n,).
-            guess: A configuration near σ(q), where one is known; it may be a plant's. It only shortens the law's own σ.
+            near: A configuration near σ(q), where one is known; it may be a plant's. It only shortens the law's own σ.
         """
 
     @property
@@ -129,7 +129,7 @@ class NoTorque(ControlLaw):
     def __init__(self, model: ReducedModel | Mechanism) -> None:
         self._zero = np.zeros(model_of(model).n_actuated)
 
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
         """Zero, of shape (motors,)."""
         return self._zero
 
@@ -165,7 +165,7 @@ class TorqueFunction(ControlLaw):
         if self._times is not None and not (self._times.ndim == 1 and np.isfinite(self._times).all()):
             raise InvalidInputError(f"switching_times must be finite numbers of seconds, not {switching_times!r}")
 
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
         """What the function returns, as a float64 vector; one number stands for the effort of an only motor."""
         return np.atleast_1d(numbers(self._function(t, q, v), "what the law returned"))
 
@@ -188,9 +188,9 @@ class Delayed(ControlLaw):
     def __init__(self, law: ControlLaw, start: float) -> None:
         self.law, self.start, self.everywhere = law, start, law.everywhere
 
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
         """The law's efforts at t − start."""
-        return self.law.torque(self._clock(t), q, v, guess)
+        return self.law.torque(self._clock(t), q, v, near)
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The law's efforts at t − start."""
@@ -229,11 +229,11 @@ class ModelLaw(ControlLaw):
 
     Args:
         model: The reduced model, or a mechanism.
-        q: Where the law begins or ends, of shape (model.nq,): its σ starts there when it gets no guess.
+        q: Where the law begins or ends, of shape (model.nq,): its σ starts there when it gets none nearer.
         K_p: Proportional gains: (n,) for a diagonal matrix or symmetric positive definite (n, n); one number k for k I,
             where all coordinates are angles or all are lengths.
         K_v: Velocity gains, alike.
-        guess: Chooses the assembly mode of σ(q).
+        near: Chooses the assembly mode of σ(q).
 
     Attributes:
         near: The State at that q.
@@ -241,11 +241,11 @@ class ModelLaw(ControlLaw):
     Raises:
         InvalidInputError: Gains of the wrong shape or not symmetric positive definite.
         UnsupportedMechanismError: Fewer motors than independent coordinates, or a coordinate that no motor moves.
-        UnreachableError, SingularConfigurationError: σ(q) does not exist on the guess's branch.
+        UnreachableError, SingularConfigurationError: σ(q) does not exist on the branch of `near`.
     """
 
     def __init__(
-        self, model: ReducedModel | Mechanism, q: ArrayLike | State, K_p: ArrayLike, K_v: ArrayLike, guess: Near
+        self, model: ReducedModel | Mechanism, q: ArrayLike | State, K_p: ArrayLike, K_v: ArrayLike, near: Near
     ) -> None:
         self.model = model_of(model)
         coordinates, n, motors = self.model.coordinates, self.model.n, self.model.n_actuated
@@ -254,7 +254,7 @@ class ModelLaw(ControlLaw):
                 f"a law on all {n} independent coordinates needs as many motors; there are {motors}"
             )
         self.K_p, self.K_v = gain_matrix(K_p, "K_p", coordinates), gain_matrix(K_v, "K_v", coordinates)
-        self.near = self.model.at(q, guess)
+        self.near = self.model.at(q, near)
         self._check_reach()
 
     def _check_reach(self) -> None:
@@ -272,21 +272,21 @@ class ModelLaw(ControlLaw):
                 f"{', '.join(self.model.mechanism.actuated)}"
             )
 
-    def state(self, q: Array | State, guess: Near = None) -> State:
-        """The State at q, on the branch of the guess or of `near`."""
-        return self.model.at(q, self.near if guess is None else guess)
+    def state(self, q: Array | State, near: Near = None) -> State:
+        """The State at q, on the branch of `near`, the law's own by default."""
+        return self.model.at(q, self.near if near is None else near)
 
     def own(self, state: State) -> State:
         """The State of the law's model at the q of one that may be of another model, a plant's."""
         return of_own(self.model, state, self.near)
 
-    def torque(self, t: float, q: Array, v: Array, guess: Near = None) -> Array:
-        """`torque_at` the State found from the guess, else from `near`; errors as for `ReducedModel.at`.
+    def torque(self, t: float, q: Array, v: Array, near: Near = None) -> Array:
+        """`torque_at` the State found from `near`, the law's own by default; errors as for `ReducedModel.at`.
 
-        A guess that cannot be closed, such as a plant's whose rods are of other lengths, shortens nothing.
+        A configuration that cannot be closed, such as a plant's whose rods are of other lengths, shortens nothing.
         """
         try:
-            state = self.state(q, guess)
+            state = self.state(q, near)
         except InvalidInputError:
             state = self.state(q)
         return self.torque_at(t, state, v)
@@ -296,7 +296,7 @@ class SetPointLaw(ModelLaw):
     """What the two PD laws share: gains, the set point, the error and the Lyapunov function.
 
     Args and errors as for `ModelLaw`; q is the set point q_d, constant, gains are in N m/rad or N/m (K_p) and N m s/rad
-    or N s/m (K_v), and the guess chooses the assembly mode of σ(q_d).
+    or N s/m (K_v), and `near` chooses the assembly mode of σ(q_d).
 
     A ball, planar or floating joint that is independent as a whole is refused: there d/dt q̃ is not −q̇, so 𝒱 may rise.
     """
@@ -307,11 +307,11 @@ class SetPointLaw(ModelLaw):
         q_d: ArrayLike | State,
         K_p: ArrayLike,
         K_v: ArrayLike,
-        guess: Near = None,
+        near: Near = None,
     ) -> None:
         model = model_of(model)
         require_commuting(model.coordinates, type(self).__name__)
-        super().__init__(model, q_d, K_p, K_v, guess)
+        super().__init__(model, q_d, K_p, K_v, near)
         self.q_d, self.q_free_d, self.gravity_d = self.near.q, self.near.q_free, self.near.g
         self._potential_d = self.near.energy(np.zeros(self.model.n)).potential
 
@@ -323,12 +323,12 @@ class SetPointLaw(ModelLaw):
         """q̃ = q_d − q, the tangent vector from q to q_d, of shape (n,)."""
         return self.model.coordinates.difference(q, self.q_d)
 
-    def lyapunov(self, q: Array | State, v: Array, guess: Near = None) -> float:
+    def lyapunov(self, q: Array | State, v: Array, near: Near = None) -> float:
         """𝒱 = ½q̇ᵀDq̇ + V(q) − V(q_d) + q̃ᵀg(q_d) + ½q̃ᵀK_p q̃, in joules; along solutions 𝒱̇ = −q̇ᵀ(K_v + damping)q̇.
 
         The function of Theorem 3, for the law with simple gravity compensation. q may be a State.
         """
-        state = self.state(q, guess)
+        state = self.state(q, near)
         energy, error = state.energy(v), self.error(state.q)
         potential = energy.potential - self._potential_d + error @ self.gravity_d
         return float(energy.kinetic + potential + 0.5 * error @ self.K_p @ error)
@@ -349,10 +349,10 @@ class PDSimpleGravity(SetPointLaw):
     independent joints).
     """
 
-    def torque(self, t: float, q: Array, v: Array, guess: Near = None) -> Array:
+    def torque(self, t: float, q: Array, v: Array, near: Near = None) -> Array:
         """u = K_p q̃ − K_v q̇ + g(q_d) (28)."""
         if self.model.actuation is not None:
-            return super().torque(t, q, v, guess)
+            return super().torque(t, q, v, near)
         q, v = checked_q(self.model.coordinates, q), vector(v, "v", self.model.n)
         return self._feedback(q, v) + self.gravity_d
 
@@ -378,9 +378,9 @@ class PDFullGravity(SetPointLaw):
         """(30)."""
         return self._stated("pd_gravity", np.zeros(self.model.n))
 
-    def lyapunov(self, q: Array | State, v: Array, guess: Near = None) -> float:
+    def lyapunov(self, q: Array | State, v: Array, near: Near = None) -> float:
         """𝒱 = ½q̇ᵀDq̇ + ½q̃ᵀK_p q̃, in joules; g is cancelled, and along solutions 𝒱̇ = −q̇ᵀ(K_v + damping)q̇."""
-        state = self.state(q, guess)
+        state = self.state(q, near)
         error = self.error(state.q)
         return float(state.energy(v).kinetic + 0.5 * error @ self.K_p @ error)
 
@@ -467,9 +467,9 @@ class CoulombCompensation(ControlLaw):
         self._level = np.array(np.broadcast_to(level, (model.n,)))
         self._direction = None if q_start is None else np.sign(law.error(checked_q(model.coordinates, q_start)))
 
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
         """The PD law's efforts plus the compensation, of shape (motors,)."""
-        return self._law.torque(t, q, v, guess) + self._compensation(q)
+        return self._law.torque(t, q, v, near) + self._compensation(q)
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The PD law's efforts plus the compensation, of shape (motors,)."""

@@ -2,7 +2,7 @@
 
 The state a controller carries from sample to sample (its last valid σ) is an object of its own, `OnlineSigma`, and
 `OnlineLaw` is a tracking law that uses it. Both belong in a sampled loop, where samples come once each and in
-order; in a continuous simulation use the tracking law itself, which finds σ from the integrator's guess and
+order; in a continuous simulation use the tracking law itself, which finds σ from where the integrator is and
 remembers nothing.
 """
 
@@ -30,11 +30,11 @@ Outcome = Literal["solved", "held", "lost"]
 def capped_sigma(
     parametrization: Parametrization,
     q: Array,
-    start: Array | ClosedPoint,
+    near: Array | ClosedPoint,
     max_newton_steps: int,
     tolerance: float,
 ) -> NewtonSolve:
-    """Solve ψ̄(q′, q) = 0 (11) from a start with at most `max_newton_steps` linear solves.
+    """Solve ψ̄(q′, q) = 0 (11) from `near` with at most `max_newton_steps` linear solves.
 
     An iteration is trusted only if each correction is at most an eighth of the one before, det ψ_q′ keeps its sign and
     ψ_q′⁻¹ changes by half at most; there is no walk when it is not, and no proof as in `Parametrization.sigma`.
@@ -42,16 +42,16 @@ def capped_sigma(
     Args:
         parametrization: ψ.
         q: Independent coordinates, of shape (model.nq,).
-        start: q′ to start from, of shape (nq,), or a closed point, which spares the first evaluation.
+        near: q′ to start from, of shape (nq,), or a closed point, which spares the first evaluation.
         max_newton_steps: The cap.
         tolerance: Largest |ψ̄| accepted, metres and radians.
     """
     instance(parametrization, "parametrization", Parametrization)
     q, steps = checked_q(parametrization.coordinates, q), whole(max_newton_steps, "max_newton_steps")
-    if not isinstance(start, ClosedPoint):
-        start = checked_configuration(parametrization.model, start, "start")
+    if not isinstance(near, ClosedPoint):
+        near = checked_configuration(parametrization.model, near, "near")
     tolerance = positive(tolerance, "tolerance")
-    return parametrization.newton(start, q, NewtonRules(tolerance, steps, noise=tolerance))
+    return parametrization.newton(near, q, NewtonRules(tolerance, steps, noise=tolerance))
 
 
 class OnlineSample(NamedTuple):
@@ -202,8 +202,8 @@ class OnlineLaw(ControlLaw):
         self.law = law
         self.online = online
 
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
-        """The motors' efforts of the sample at time t, of shape (motors,); a controller has no guess but its own.
+    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
+        """The motors' efforts of the sample at time t, of shape (motors,); it knows no `near` but its own σ.
 
         Raises:
             InvalidInputError: Samples out of order.

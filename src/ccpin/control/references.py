@@ -214,7 +214,7 @@ def through_points(
     targets: Sequence[ArrayLike],
     *,
     degree: int = 5,
-    guess: Near = None,
+    near: Near = None,
 ) -> Waypoints:
     """A spline in q through positions or poses of the end effector, each reached from the one before it.
 
@@ -226,14 +226,14 @@ def through_points(
         times: Increasing times from 0, seconds, of shape (k,).
         targets: k positions (3,) or poses (4, 4) in the world.
         degree: 3 or 5, as for `Waypoints`.
-        guess: A State or configuration q′ that chooses the assembly mode; default the mechanism's reference.
+        near: A State or configuration q′ that chooses the assembly mode; default the mechanism's reference.
 
     Raises:
         UnreachableTargetError: A target is out of reach.
         InvalidInputError, UnsupportedMechanismError: As for `Waypoints`.
     """
     instance(end_effector, "end_effector", EndEffector)
-    near, rows = guess, list[Array]()
+    rows = list[Array]()
     for target in instance(targets, "targets", Iterable, "positions or poses"):
         solution = end_effector.solve(target, near)
         near = solution.q_free

@@ -59,9 +59,9 @@ class Servos(ControlLaw):
         self._v = np.array([joint.v.start for joint in joints], dtype=np.intp)
         self._lower, self._upper = motors.limits.T
 
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
         """`torque_at` the State at q."""
-        return self.torque_at(t, self.model.at(q, guess), v)
+        return self.torque_at(t, self.model.at(q, near), v)
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """u, of shape (motors,)."""

@@ -1,6 +1,6 @@
 """Tracking laws for a smooth reference: computed torque, PD+ (Paden–Panja) and PD with on-line gravity.
 
-All of them need σ(q) and ρ on line. `torque` finds them with the library's σ, from the guess it is given;
+All of them need σ(q) and ρ on line. `torque` finds them with the library's σ, from the configuration it is given;
 `torque_at` reads a State; `torque_with` takes a measured q beside a State that may be another's, which is how on-line
 solvers (`ccpin.control.online`) and injected errors come in. Laws are pure functions of their arguments.
 """
@@ -30,13 +30,13 @@ class TrackingLaw(ModelLaw):
         reference: q_d(t).
         K_p: Gains on e: (n,) for a diagonal matrix, or symmetric positive definite (n, n). Units: see each law.
         K_v: Gains on ė, alike.
-        guess: Chooses the assembly mode of σ(q_d(0)), which is where σ starts when `torque` gets no guess.
+        near: Chooses the assembly mode of σ(q_d(0)), which is where σ starts when `torque` gets none nearer.
 
     Raises:
         InvalidInputError: Gains of the wrong shape or not symmetric positive definite.
         UnsupportedMechanismError: Fewer motors than independent coordinates, or a spherical, planar or floating
             joint independent as a whole (its error has no rate that is ė).
-        UnreachableError, SingularConfigurationError: σ(q_d(0)) does not exist on the guess's branch.
+        UnreachableError, SingularConfigurationError: σ(q_d(0)) does not exist on the branch of `near`.
     """
 
     def __init__(
@@ -45,11 +45,11 @@ class TrackingLaw(ModelLaw):
         reference: Reference,
         K_p: ArrayLike,
         K_v: ArrayLike,
-        guess: Near = None,
+        near: Near = None,
     ) -> None:
         model, reference = model_of(model), instance(reference, "reference", Reference)
         require_commuting(model.coordinates, "a tracking law")
-        super().__init__(model, reference.at(0.0).q, K_p, K_v, guess)
+        super().__init__(model, reference.at(0.0).q, K_p, K_v, near)
         self.reference = reference
 
     def error(self, t: float, q: Array) -> Array:
@@ -123,9 +123,9 @@ class PDPlus(TrackingLaw):
         """PD+."""
         return self._stated("pd_plus")
 
-    def lyapunov(self, t: float, q: Array | State, v: Array, guess: Near = None) -> float:
+    def lyapunov(self, t: float, q: Array | State, v: Array, near: Near = None) -> float:
         """𝒱 = ½ėᵀD ė + ½eᵀK_p e, in joules; along solutions 𝒱̇ = −ėᵀ(K_v + damping)ė ≤ 0. q may be a State."""
-        state, wanted = self.state(q, guess), self.reference.at(t)
+        state, wanted = self.state(q, near), self.reference.at(t)
         e = self.model.coordinates.difference(state.q, wanted.q)
         kinetic = state.energy(wanted.v - v).kinetic
         return float(kinetic + 0.5 * e @ self.K_p @ e)
@@ -162,9 +162,9 @@ class WithSigmaError(ControlLaw):
         self.law = instance(law, "law", TrackingLaw)
         self.offset = vector(offset, "offset", law.model.mechanism.n_free)
 
-    def torque(self, t: float, q: Array, v: Array, guess: Near = None) -> Array:
-        """`torque_at` the State found from the guess, q_d(0)'s by default; errors as there."""
-        return self.torque_at(t, self.law.state(q, guess), v)
+    def torque(self, t: float, q: Array, v: Array, near: Near = None) -> Array:
+        """`torque_at` the State found from `near`, q_d(0)'s by default; errors as there."""
+        return self.torque_at(t, self.law.state(q, near), v)
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The law's efforts at (q, q̇), its model terms at σ(q) ⊕ δ.

@@ -5,21 +5,9 @@ from __future__ import annotations
 from ccpin.description.changes.combining import Part, combine
 from ccpin.description.changes.scaling import scaled
 from ccpin.description.closure_kinds import CLOSURE_KINDS
-from ccpin.description.finding import find_file, installed_models
 from ccpin.description.formats import FORMATS, read_description
 from ccpin.description.joint_kinds import JOINT_KINDS
-from ccpin.description.model import (
-    Coupling,
-    CouplingTerm,
-    Inertia,
-    Joint,
-    Link,
-    LoopClosure,
-    MechanismDescription,
-    Motor,
-    Shape,
-    Visual,
-)
+from ccpin.description.model import Coupling, CouplingTerm, Inertia, Joint, Link, Motor, Shape, Visual
 
 __all__ = [
     "CLOSURE_KINDS",
@@ -30,15 +18,12 @@ __all__ = [
     "Inertia",
     "Joint",
     "Link",
-    "LoopClosure",
-    "MechanismDescription",
     "Motor",
     "Part",
     "Shape",
     "Visual",
     "combine",
-    "find_file",
-    "installed_models",
     "read_description",
     "scaled",
 ]
+__dir__ = __all__.copy

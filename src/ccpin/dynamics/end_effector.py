@@ -45,7 +45,7 @@ class Ellipsoid(NamedTuple):
 class EndEffector:
     """A point of a link, moved by the independent coordinates.
 
-    `q` is a State, or independent coordinates with a `guess` that chooses the assembly mode; errors of the methods
+    `q` is a State, or independent coordinates with a `near` that chooses the assembly mode; errors of the methods
     are those of `ReducedModel.at`. Any number of threads may share an end effector.
 
     Args:
@@ -62,39 +62,39 @@ class EndEffector:
         self.link = link
         self.point = LinkPoint(self.model.mechanism.tree, link, point)
 
-    def pose(self, q: ArrayLike | State, guess: Near = None) -> Array:
+    def pose(self, q: ArrayLike | State, near: Near = None) -> Array:
         """The link's axes at the point, 4×4, in the world."""
-        return self.point.pose(self.model.at(q, guess).q_free)
+        return self.point.pose(self.model.at(q, near).q_free)
 
-    def jacobian(self, q: ArrayLike | State, guess: Near = None) -> Array:
+    def jacobian(self, q: ArrayLike | State, near: Near = None) -> Array:
         """J ρ with twist = J ρ q̇, of shape (6, n)."""
-        state = self.model.at(q, guess)
+        state = self.model.at(q, near)
         return self.point.jacobian(state.q_free) @ state.rho
 
-    def jacobian_rate(self, q: ArrayLike | State, v: ArrayLike, guess: Near = None) -> Array:
+    def jacobian_rate(self, q: ArrayLike | State, v: ArrayLike, near: Near = None) -> Array:
         """d/dt (J ρ) = J̇ ρ + J ρ̇ along q̇, of shape (6, n)."""
-        state = self.model.at(q, guess)
+        state = self.model.at(q, near)
         motion = self.point.motion(state.q_free, state.v_free(v))
         return motion.jacobian_rate @ state.rho + motion.jacobian @ state.rho_dot(v)
 
-    def velocity(self, q: ArrayLike | State, v: ArrayLike, guess: Near = None) -> Array:
+    def velocity(self, q: ArrayLike | State, v: ArrayLike, near: Near = None) -> Array:
         """The twist J ρ q̇, of shape (6,)."""
-        return self.jacobian(q, guess) @ vector(v, "v", self.model.n)
+        return self.jacobian(q, near) @ vector(v, "v", self.model.n)
 
-    def acceleration(self, q: ArrayLike | State, v: ArrayLike, a: ArrayLike, guess: Near = None) -> Array:
+    def acceleration(self, q: ArrayLike | State, v: ArrayLike, a: ArrayLike, near: Near = None) -> Array:
         """The twist's rate J ρ q̈ + (J̇ ρ + J ρ̇) q̇, of shape (6,), in m/s² and rad/s²."""
-        state = self.model.at(q, guess)
+        state = self.model.at(q, near)
         v_free = state.v_free(v)
         motion = self.point.motion(state.q_free, v_free)
         return motion.jacobian @ state.a_free(v, a) + motion.jacobian_rate @ v_free
 
-    def generalized_force(self, q: ArrayLike | State, wrench: ArrayLike, guess: Near = None) -> Array:
+    def generalized_force(self, q: ArrayLike | State, wrench: ArrayLike, near: Near = None) -> Array:
         """τ = (J ρ)ᵀ wrench, of shape (n,), with q̇ᵀτ = twistᵀ wrench.
 
         τ is what a wrench applied to the end effector from outside adds to the right side of (22); to press on the
         surroundings with that wrench, the motors add the same τ.
         """
-        return self.jacobian(q, guess).T @ vector(wrench, "wrench", 6)
+        return self.jacobian(q, near).T @ vector(wrench, "wrench", 6)
 
     def dynamic_manipulability(
         self,
@@ -102,7 +102,7 @@ class EndEffector:
         efforts: ArrayLike | None = None,
         *,
         part: Half = "linear",
-        guess: Near = None,
+        near: Near = None,
     ) -> Ellipsoid:
         """Accelerations of the end effector from rest that motor efforts add to gravity's: J ρ D⁻¹ ρᵀSᵀu.
 
@@ -110,7 +110,7 @@ class EndEffector:
             q: Independent coordinates, or a State.
             efforts: The motors' efforts Δu_i > 0, N m or N: the ellipsoid is that of Σ (u_i/Δu_i)² ≤ 1. Default 1.
             part: Linear (m/s²) or angular (rad/s²) acceleration.
-            guess: Chooses the assembly mode.
+            near: Chooses the assembly mode.
 
         Raises:
             InvalidInputError: Efforts of the wrong shape or not positive, or an unknown part.
@@ -120,25 +120,25 @@ class EndEffector:
         if np.any(limits <= 0):
             raise InvalidInputError("efforts must be positive: the largest |u| of each motor")
         choice(part, "part", tuple(_ROWS))
-        state = model.at(q, guess)
+        state = model.at(q, near)
         response = [np.linalg.solve(state.D, state.generalized_force(effort)) for effort in np.diag(limits)]
         mapped = self.jacobian(state)[_ROWS[part]] @ np.array(response).T
         axes, lengths, _ = np.linalg.svd(mapped, full_matrices=False)
         return Ellipsoid(mapped, axes, lengths)
 
-    def solve(self, target: ArrayLike, guess: Near = None) -> Solution:
-        """q with the point at a target, on the branch of `guess`: inverse kinematics through the closed chain.
+    def solve(self, target: ArrayLike, near: Near = None) -> Solution:
+        """q with the point at a target, on the branch of `near`: inverse kinematics through the closed chain.
 
         Args:
             target: A position (3,), metres, or a pose (4, 4), both in the world.
-            guess: A State or closed configuration q′ to start from; default the mechanism's reference.
+            near: A State or closed configuration q′ to start from; default the mechanism's reference.
 
         Returns:
             Solution: q, q′ = σ(q) and how far from the target the point is (at most 1e-11 m or rad).
 
         Raises:
-            InvalidInputError: A target that is neither, or a guess that cannot be closed.
+            InvalidInputError: A target that is neither, or a configuration that cannot be closed.
             UnreachableTargetError: No q on the branch was found that reaches the target: it is out of reach, beyond a
                 singularity, or asks for more directions than the mechanism has.
         """
-        return solve(self.model, self.point, target, guess)
+        return solve(self.model, self.point, target, near)

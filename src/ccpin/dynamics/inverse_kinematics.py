@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, numbers
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import Near, State
-from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
+from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnreachableTargetError
 from ccpin.kinematics.least_squares import Linearized, levenberg_marquardt
 from ccpin.kinematics.points import LinkPoint, rotation_error
 
@@ -33,23 +33,6 @@ class Solution(NamedTuple):
     iterations: int
 
 
-class UnreachableTargetError(ConvergenceError):
-    """No configuration was found, on the branch asked for, that brings the point to the target.
-
-    Attributes:
-        q: The q that came nearest, of shape (model.nq,).
-        q_free: σ(q) there, of shape (nq,).
-        distance: How far from the target the point is there, m. angle: how far its axes are turned, rad.
-    """
-
-    def __init__(self, message: str, *, q: Array, q_free: Array, distance: float, angle: float) -> None:
-        self.q = q
-        self.q_free = q_free
-        self.distance = distance
-        self.angle = angle
-        super().__init__(message)
-
-
 class _Target(NamedTuple):
     position: Array
     rotation: Array | None
@@ -60,11 +43,11 @@ class _Target(NamedTuple):
         return gap if self.rotation is None else np.concatenate([gap, rotation_error(pose[:3, :3], self.rotation)])
 
 
-def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, guess: Near = None) -> Solution:
+def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, near: Near = None) -> Solution:
     """Find q with the point at the target.
 
     Damped Newton (Levenberg–Marquardt) on q, the residual being the gap to the target at σ(q) and its derivative
-    −J ρ. Every trial goes through σ from the configuration before it, so the assembly mode is that of the guess; a
+    −J ρ. Every trial goes through σ from the configuration before it, so the assembly mode is that of `near`; a
     step on which σ is blocked is shortened like one that does not help. Arguments and errors as for
     `ccpin.dynamics.end_effector.EndEffector.solve`.
     """
@@ -75,7 +58,7 @@ def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, guess: Near 
         gap = wanted.error(point.pose(state.q_free))
         return Linearized(-gap, (point.jacobian(state.q_free) @ state.rho)[:rows])
 
-    found = levenberg_marquardt(_start(model, guess), linearize, _moved, TOLERANCE)
+    found = levenberg_marquardt(_start(model, near), linearize, _moved, TOLERANCE)
     if found.error > TOLERANCE:
         raise _unreachable(wanted, found.place, -found.residual)
     return Solution(found.place.q, found.place.q_free, found.error, found.iterations)
@@ -100,10 +83,10 @@ def _checked(target: ArrayLike) -> _Target:
     return _Target(array[:3, 3], rotation)
 
 
-def _start(model: ReducedModel, guess: Near) -> State:
-    if isinstance(guess, State):
-        return model.at(guess)
-    configuration = model.mechanism.q_reference if guess is None else guess
+def _start(model: ReducedModel, near: Near) -> State:
+    if isinstance(near, State):
+        return model.at(near)
+    configuration = model.mechanism.q_reference if near is None else near
     return model.at(model.alpha(configuration), configuration)
 
 
@@ -122,7 +105,7 @@ def _unreachable(target: _Target, here: State, error: Array) -> UnreachableTarge
         f"the target at {np.array2string(target.position, precision=6)} m was not reached on this branch: the "
         f"nearest the iteration came leaves {distance:.4g} m{turned}, at q = {np.array2string(here.q, precision=6)} "
         f"(reciprocal condition number of ψ_q′ {here.rcond:.1e}); the mechanism moves in {here.model.n} directions; "
-        "pass a guess nearer to it, or on the other branch",
+        "pass near= closer to it, or on the other branch",
         q=here.q,
         q_free=here.q_free,
         distance=distance,

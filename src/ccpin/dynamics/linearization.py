@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, instance, matrix, vector
+from ccpin.arrays import Array, matrix, vector
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.dynamics.wrenches import Wrenches
@@ -27,13 +27,28 @@ class Linearization(NamedTuple):
     A: Array
     B: Array
 
+    def closed_loop(self, du_dq: ArrayLike, du_dv: ArrayLike) -> Array:
+        """A + B [∂u/∂q ∂u/∂q̇], of shape (2n, 2n): the linear model under a law u(q, q̇).
+
+        Args:
+            du_dq: ∂u/∂q at the same state, along tangent steps of q, of shape (motors, n); −K_p for PD control.
+            du_dv: ∂u/∂q̇, of shape (motors, n); −K_v for PD control.
+
+        Raises:
+            InvalidInputError: Wrong shapes, or entries that are not finite.
+        """
+        states, motors = self.B.shape
+        shape = (motors, states // 2)
+        gains = [matrix(du_dq, "du_dq", shape), matrix(du_dv, "du_dv", shape)]
+        return np.asarray(self.A + self.B @ np.hstack(gains))
+
 
 def linearize(
     model: ReducedModel | Mechanism,
     q: ArrayLike | State,
     u: ArrayLike,
     v: ArrayLike | None = None,
-    guess: Near = None,
+    near: Near = None,
     wrenches: Wrenches | None = None,
 ) -> Linearization:
     """A = [−ad_q̇ I; ∂q̈/∂q ∂q̈/∂q̇], B = [0; ∂q̈/∂u] at the state (q, v) and effort u, exact.
@@ -47,13 +62,13 @@ def linearize(
         q: Independent coordinates, of shape (model.nq,), or a State.
         u: Actuated joints' efforts, of shape (motors,).
         v: Velocity, of shape (n,); default at rest.
-        guess: Chooses the assembly mode, as `near` of `ReducedModel.at`.
+        near: Chooses the assembly mode, as `near` of `ReducedModel.at`.
         wrenches: On links, constant in world axes, as for `State.forward_dynamics`.
 
     Raises:
         CcpinError: As `ReducedModel.forward_dynamics_derivatives` does.
     """
-    state = model_of(model).at(q, guess)
+    state = model_of(model).at(q, near)
     n = state.model.n
     velocity = np.zeros(n) if v is None else vector(v, "v", n)
     slopes = state.forward_dynamics_derivatives(velocity, u, wrenches)
@@ -62,23 +77,6 @@ def linearize(
         A=np.vstack([top, np.hstack([slopes.da_dq, slopes.da_dv])]),
         B=np.vstack([np.zeros((n, slopes.da_du.shape[1])), slopes.da_du]),
     )
-
-
-def closed_loop_derivative(linearization: Linearization, du_dq: ArrayLike, du_dv: ArrayLike) -> Array:
-    """A + B [∂u/∂q ∂u/∂q̇], of shape (2n, 2n): the linear model under a law u(q, q̇).
-
-    Args:
-        linearization: About the state at which the law's derivatives were taken.
-        du_dq: ∂u/∂q along tangent steps of q, of shape (motors, n); −K_p for PD control.
-        du_dv: ∂u/∂q̇, of shape (motors, n); −K_v for PD control.
-
-    Raises:
-        InvalidInputError: Wrong shapes, or entries that are not finite.
-    """
-    states, motors = instance(linearization, "linearization", Linearization).B.shape
-    shape = (motors, states // 2)
-    gains = [matrix(du_dq, "du_dq", shape), matrix(du_dv, "du_dv", shape)]
-    return np.asarray(linearization.A + linearization.B @ np.hstack(gains))
 
 
 def _bracket(coordinates: IndependentCoordinates, v: Array) -> Array:

@@ -44,7 +44,7 @@ class ReducedModel:
     """The reduced equations D q̈ + C q̇ + damping q̇ + g = ρᵀ(Sᵀu + Jᵀw) (22), q′ = σ(q), q̇′ = ρ q̇ (27).
 
     Where the actuated joints are the independent ones, without gears, ρᵀSᵀu = u as in the paper. `at` gives a `State`,
-    which has all the rest; the methods below with a `guess` are shorthands for it, for one thing at one q. Nothing is
+    which has all the rest; the methods below with a `near` are shorthands for it, for one thing at one q. Nothing is
     remembered between calls, and any number of threads may share a model. SI units, radians.
 
     Args:
@@ -182,133 +182,133 @@ class ReducedModel:
 
     # Shorthands: one thing at one q. Errors are those of `at` and of the State's method.
 
-    def sigma(self, q: ArrayLike, guess: Near = None, *, proved: bool = False) -> Array:
-        """q′ = σ(q) (12), of shape (nq,), on the branch of `guess`: a copy of `State.q_free`.
+    def sigma(self, q: ArrayLike, near: Near = None, *, proved: bool = False) -> Array:
+        """q′ = σ(q) (12), of shape (nq,), on the branch of `near`: a copy of `State.q_free`.
 
-        With `proved` no step on the way rests on an estimate (`ccpin.kinematics.continuation`): the answer is what the
-        guess is continued to, and no singular configuration lies between. It takes milliseconds.
+        With `proved` no step on the way rests on an estimate (`ccpin.kinematics.continuation`): the answer is what
+        `near` is continued to, and no singular configuration lies between. It takes milliseconds.
         """
         if proved:
-            wanted, start = checked_q(self.coordinates, q), self._start(guess)
+            wanted, start = checked_q(self.coordinates, q), self._start(near)
             return self.parametrization.sigma(wanted, start, proved=True).q_free.copy()
-        answer = self.core.sigma(q, self._place(guess))
-        return self.at(q, guess).q_free.copy() if answer is None else np.asarray(answer)
+        answer = self.core.sigma(q, self._place(near))
+        return self.at(q, near).q_free.copy() if answer is None else np.asarray(answer)
 
-    def terms(self, q: ArrayLike, v: ArrayLike, guess: Near = None) -> ReducedTerms:
+    def terms(self, q: ArrayLike, v: ArrayLike, near: Near = None) -> ReducedTerms:
         """D, C, g (23)–(25) and what they come from: `State.terms`."""
-        answer = self._asked("terms", q, guess, v)
-        return self.at(q, guess).terms(v) if answer is None else ReducedTerms(*answer)
+        answer = self._asked("terms", q, near, v)
+        return self.at(q, near).terms(v) if answer is None else ReducedTerms(*answer)
 
-    def gravity(self, q: ArrayLike, guess: Near = None) -> Array:
+    def gravity(self, q: ArrayLike, near: Near = None) -> Array:
         """g(q) = ρᵀg′(σ(q)) (25), of shape (n,): `State.g`."""
-        answer = self._asked("gravity", q, guess)
-        return self.at(q, guess).g if answer is None else np.asarray(answer)
+        answer = self._asked("gravity", q, near)
+        return self.at(q, near).g if answer is None else np.asarray(answer)
 
-    def gravity_derivative(self, q: ArrayLike, guess: Near = None) -> Array:
+    def gravity_derivative(self, q: ArrayLike, near: Near = None) -> Array:
         """∂g/∂q, of shape (n, n): `State.gravity_derivative`."""
-        return self.at(q, guess).gravity_derivative
+        return self.at(q, near).gravity_derivative
 
-    def energy(self, q: ArrayLike, v: ArrayLike, guess: Near = None) -> Energy:
+    def energy(self, q: ArrayLike, v: ArrayLike, near: Near = None) -> Energy:
         """½ q̇ᵀD q̇ and V, in joules: `State.energy`."""
-        answer = self._asked("energy", q, guess, v)
-        return self.at(q, guess).energy(v) if answer is None else Energy(*answer)
+        answer = self._asked("energy", q, near, v)
+        return self.at(q, near).energy(v) if answer is None else Energy(*answer)
 
     def forward_dynamics(
-        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
+        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, near: Near = None, wrenches: Wrenches | None = None
     ) -> Array:
         """q̈ (22), of shape (n,): `State.forward_dynamics`."""
-        answer = self._asked("forward_dynamics", q, guess, v, u, wrenches=wrenches)
-        return self.at(q, guess).forward_dynamics(v, u, wrenches) if answer is None else np.asarray(answer)
+        answer = self._asked("forward_dynamics", q, near, v, u, wrenches=wrenches)
+        return self.at(q, near).forward_dynamics(v, u, wrenches) if answer is None else np.asarray(answer)
 
     def inverse_dynamics(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, near: Near = None, wrenches: Wrenches | None = None
     ) -> Array:
         """u with ρᵀSᵀu = τ (22), of shape (motors,): `State.inverse_dynamics`."""
-        return self.at(q, guess).inverse_dynamics(v, a, wrenches)
+        return self.at(q, near).inverse_dynamics(v, a, wrenches)
 
     def constraint_forces(
-        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
+        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, near: Near = None, wrenches: Wrenches | None = None
     ) -> Array:
         """λ of the descriptor form (17), of shape (m,): `State.constraint_forces`."""
-        answer = self._asked("constraint_forces", q, guess, v, u, wrenches=wrenches)
-        return self.at(q, guess).constraint_forces(v, u, wrenches) if answer is None else np.asarray(answer)
+        answer = self._asked("constraint_forces", q, near, v, u, wrenches=wrenches)
+        return self.at(q, near).constraint_forces(v, u, wrenches) if answer is None else np.asarray(answer)
 
     def forward_dynamics_derivatives(
-        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
+        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, near: Near = None, wrenches: Wrenches | None = None
     ) -> ForwardDynamicsDerivatives:
         """∂q̈/∂q, ∂q̈/∂q̇ and ∂q̈/∂u: `State.forward_dynamics_derivatives`."""
-        answer = self._asked("forward_dynamics_derivatives", q, guess, v, u, wrenches=wrenches)
+        answer = self._asked("forward_dynamics_derivatives", q, near, v, u, wrenches=wrenches)
         if answer is None:
-            return self.at(q, guess).forward_dynamics_derivatives(v, u, wrenches)
+            return self.at(q, near).forward_dynamics_derivatives(v, u, wrenches)
         return ForwardDynamicsDerivatives(*answer)
 
     def inverse_dynamics_derivatives(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, near: Near = None, wrenches: Wrenches | None = None
     ) -> InverseDynamicsDerivatives:
         """∂u/∂q, ∂u/∂q̇ and ∂u/∂q̈: `State.inverse_dynamics_derivatives`."""
-        return self.at(q, guess).inverse_dynamics_derivatives(v, a, wrenches)
+        return self.at(q, near).inverse_dynamics_derivatives(v, a, wrenches)
 
     def generalized_force_derivatives(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, near: Near = None, wrenches: Wrenches | None = None
     ) -> GeneralizedForceDerivatives:
         """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ: `State.generalized_force_derivatives`."""
-        answer = self._asked("generalized_force_derivatives", q, guess, v, a, wrenches=wrenches)
+        answer = self._asked("generalized_force_derivatives", q, near, v, a, wrenches=wrenches)
         if answer is None:
-            return self.at(q, guess).generalized_force_derivatives(v, a, wrenches)
+            return self.at(q, near).generalized_force_derivatives(v, a, wrenches)
         return GeneralizedForceDerivatives(*answer)
 
     # Many rows at once, each as if asked for alone, on as many `threads` of the compiled core. Where a row has no
     # answer its error is raised, or, where a dictionary is given for `failures`, the row is NaN and its reason there.
 
     def sigma_many(
-        self, Q: ArrayLike, guess: Near = None, *, threads: int = 1, failures: Failures | None = None
+        self, Q: ArrayLike, near: Near = None, *, threads: int = 1, failures: Failures | None = None
     ) -> Array:
         """σ of each row of Q (N, model.nq), of shape (N, nq)."""
-        return self._many("sigma", [rows(Q, "Q", self.nq)], guess, threads, [(self.mechanism.nq,)], failures)[0]
+        return self._many("sigma", [rows(Q, "Q", self.nq)], near, threads, [(self.mechanism.nq,)], failures)[0]
 
     def terms_many(
-        self, Q: ArrayLike, V: ArrayLike, guess: Near = None, *, threads: int = 1, failures: Failures | None = None
+        self, Q: ArrayLike, V: ArrayLike, near: Near = None, *, threads: int = 1, failures: Failures | None = None
     ) -> ReducedTerms:
         """`terms` of each row of Q and V; every field has a leading axis of length N."""
         n_free, n = self.mechanism.n_free, self.n
         shapes = (self.mechanism.nq,), (n_free,), (n_free, n), (n_free, n), (n, n), (n, n), (n,)
         given = [rows(Q, "Q", self.nq), rows(V, "V", n)]
-        return ReducedTerms(*self._many("terms", given, guess, threads, shapes, failures))
+        return ReducedTerms(*self._many("terms", given, near, threads, shapes, failures))
 
     def forward_dynamics_many(
         self,
         Q: ArrayLike,
         V: ArrayLike,
         U: ArrayLike,
-        guess: Near = None,
+        near: Near = None,
         *,
         threads: int = 1,
         failures: Failures | None = None,
     ) -> Array:
         """`forward_dynamics` of each row of Q, V and U, of shape (N, n)."""
         given = [rows(Q, "Q", self.nq), rows(V, "V", self.n), rows(U, "U", self.n_actuated)]
-        return self._many("forward_dynamics", given, guess, threads, [(self.n,)], failures)[0]
+        return self._many("forward_dynamics", given, near, threads, [(self.n,)], failures)[0]
 
     def inverse_dynamics_many(
         self,
         Q: ArrayLike,
         V: ArrayLike,
         A: ArrayLike,
-        guess: Near = None,
+        near: Near = None,
         *,
         threads: int = 1,
         failures: Failures | None = None,
     ) -> Array:
         """`inverse_dynamics` of each row of Q, V and A, of shape (N, motors)."""
         given = [rows(Q, "Q", self.nq), rows(V, "V", self.n), rows(A, "A", self.n)]
-        return self._many("inverse_dynamics", given, guess, threads, [(self.n_actuated,)], failures)[0]
+        return self._many("inverse_dynamics", given, near, threads, [(self.n_actuated,)], failures)[0]
 
     def forward_dynamics_derivatives_many(
         self,
         Q: ArrayLike,
         V: ArrayLike,
         U: ArrayLike,
-        guess: Near = None,
+        near: Near = None,
         *,
         threads: int = 1,
         failures: Failures | None = None,
@@ -316,27 +316,27 @@ class ReducedModel:
         """`forward_dynamics_derivatives` of each row of Q, V and U; every field has a leading axis of length N."""
         given = [rows(Q, "Q", self.nq), rows(V, "V", self.n), rows(U, "U", self.n_actuated)]
         shapes = (self.n, self.n), (self.n, self.n), (self.n, self.n_actuated)
-        found = self._many("forward_dynamics_derivatives", given, guess, threads, shapes, failures)
+        found = self._many("forward_dynamics_derivatives", given, near, threads, shapes, failures)
         return ForwardDynamicsDerivatives(*found)
 
     def _many(
         self,
         name: str,
         given: list[Array],
-        guess: Near,
+        near: Near,
         threads: int,
         shapes: Sequence[tuple[int, ...]],
         failures: Failures | None,
     ) -> list[Array]:
         """Each row of the arguments given to the shorthand of that name, field by field."""
         count = together(*given)
-        found = getattr(self.core, f"{name}_many")(*given, self._place(guess), int(positive(threads, "threads")))
+        found = getattr(self.core, f"{name}_many")(*given, self._place(near), int(positive(threads, "threads")))
         if found is not None:
             finite = np.logical_and.reduce([np.isfinite(array).all(axis=1) for array in given])
             found = ((found[0],) if len(shapes) == 1 else found[0]), found[1] & finite
 
         def alone(row: int) -> Sequence[Array]:
-            answer = getattr(self, name)(*(array[row] for array in given), guess)
+            answer = getattr(self, name)(*(array[row] for array in given), near)
             return (answer,) if len(shapes) == 1 else answer
 
         return completed(found, alone, count, shapes, failures)
@@ -347,20 +347,20 @@ class ReducedModel:
     def _start(self, near: Near) -> Array | ClosedPoint | None:
         if isinstance(near, State):
             return self._own(near).point
-        return None if near is None else self._configuration(near, "guess")
+        return None if near is None else self._configuration(near, "near")
 
     def _asked(
         self,
         name: str,
         q: ArrayLike | State,
-        guess: Near,
+        near: Near,
         *arguments: ArrayLike,
         wrenches: Wrenches | None = None,
     ) -> Any:
-        """The core's answer at σ(q); without q it would answer at the guess itself."""
+        """The core's answer at σ(q); without q it would answer at `near` itself."""
         if q is None:
             return None
-        ask, near = getattr(self.core, name), self._place(guess)
+        ask, near = getattr(self.core, name), self._place(near)
         if wrenches is None:
             return ask(near, *arguments, q)
         return ask(near, *arguments, q, wrench_rows(self.mechanism.tree, wrenches))

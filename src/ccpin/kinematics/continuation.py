@@ -30,7 +30,7 @@ By the implicit function theorem the zero depends smoothly on τ. For τ = 0 it 
 Where ψ is square, A(Ψ(v) − Ψ(0) − τg) = 0 says ψ = ψ(b) + τg. Where φ holds redundant rows it says so of the closed
 configurations near b, which are a manifold of dimension n there, φ having constant rank: the lift exists as long as
 it stays in the tube, and it cannot leave it. σ asks with a and b closed: then φ = 0 all along, q runs straight from
-α(a) to α(b), and b is what a is continued to. An open guess a is joined to b likewise, along a straight line of ψ.
+α(a) to α(b), and b is what a is continued to. An open a is joined to b likewise, along a straight line of ψ.
 
 **Rounding.** a and b are closed up to rounding, and A, p, M are computed. With ε the tolerance of closed points and
 what is left of ψ̄, γ = 32 u per column and J = |ψ_q′| + |D²Ψ(0)[p, ·]|, the sum |A|(ε + γ J (|p| + E)) is added to P: it
@@ -148,7 +148,7 @@ class _Majorant:
 
     def holds(self, apart: Array) -> bool:
         """Whether (i) and (ii) hold for some E that is nowhere less than `apart`."""
-        radius = self._guessed(apart)
+        radius = self._supposed(apart)
         if radius is None:
             return False
         for _ in range(_TRIES):
@@ -160,7 +160,7 @@ class _Majorant:
             radius = np.maximum(_INFLATION * image, radius)
         return False
 
-    def _guessed(self, apart: Array) -> Array | None:
+    def _supposed(self, apart: Array) -> Array | None:
         """What E is likely to be: the solution without its quadratic terms, and some; ``None`` where there is none."""
         least = self(np.zeros((1, len(apart))))[0]
         if not np.all(np.isfinite(least)):

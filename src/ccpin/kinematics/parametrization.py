@@ -150,40 +150,40 @@ class Parametrization:
             right[m:] = alpha_rate @ w
         return -point.factor.solve(right)
 
-    def sigma(self, q: Array, guess: Array | ClosedPoint | None = None, proved: bool = False) -> ClosedPoint:
-        """q′ = σ(q) (12), on the branch of `guess`.
+    def sigma(self, q: Array, near: Array | ClosedPoint | None = None, proved: bool = False) -> ClosedPoint:
+        """q′ = σ(q) (12), on the branch of `near`.
 
-        Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from the guess. A step is taken if it is safe by a wide
+        Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from `near`. A step is taken if it is safe by a wide
         margin: its second Newton correction is at most an eighth of the first, det ψ_q′ keeps its sign, and ψ_q′⁻¹ B
         changes by a quarter of itself at most (`turn_between`). With ω the affine-covariant Lipschitz constant of
         ψ_q′, half of ω‖Δ₁‖ is estimated by ‖Δ₂‖/‖Δ₁‖, so the first is a quarter of the largest value for which the
-        Newton–Kantorovich theorem gives one solution, continuously connected to the guess; the last sees what the
+        Newton–Kantorovich theorem gives one solution, continuously connected to `near`; the last sees what the
         correction, by a symmetry, does not. These are estimates. Where ψ_q′⁻¹ is large, so near singular
         configurations, a thirty-second and an eighth are asked. A bolder step there, of up to an eighth and a
         half, and every step if `proved` is asked for, is taken only if the theorem of `continuation` proves it.
-        Otherwise σ walks along the straight line from α(guess) to q in shorter steps; an open guess is closed first,
-        likewise, by letting φ vanish along a straight line. The path depends on q, guess and `proved` only.
+        Otherwise σ walks along the straight line from α(near) to q in shorter steps; what is open is closed first,
+        likewise, by letting φ vanish along a straight line. The path depends on q, `near` and `proved` only.
 
         Args:
             q: Independent coordinates, of shape (model.nq,).
-            guess: A configuration (closed or nearly so) on the branch wanted; default the reference. A closed point
+            near: A configuration (closed or nearly so) on the branch wanted; default the reference. A closed point
                 spares the first evaluation.
-            proved: Take no step on an estimate. The point is then that which the guess is continued to along the
+            proved: Take no step on an estimate. The point is then that which `near` is continued to along the
                 straight lines, by proof, and no singular configuration is on the way.
 
         Raises:
             UnreachableError: The line is blocked by a singularity before q.
             SingularConfigurationError: q itself is singular.
-            InvalidInputError: The guess cannot be closed, or only with a closure's axes turned end for end.
+            InvalidInputError: `near` cannot be closed, or only with a closure's axes turned end for end.
         """
-        start = self.q_reference if guess is None else guess
+        start = self.q_reference if near is None else near
         solve = self._step(start, q, proved)
         point = solve.point
         if point is None:
             point = self._walk(self._closed_start(start, proved) if solve.started_open else start, q, proved)
-        if isinstance(guess, np.ndarray) and self.turnable and not self.constraints.aligned(point.q_free):
+        if isinstance(near, np.ndarray) and self.turnable and not self.constraints.aligned(point.q_free):
             raise InvalidInputError(
-                "the guess satisfies φ = 0 with a closure's axes turned end for end; pass a configuration closed the "
+                "near satisfies φ = 0 with a closure's axes turned end for end; pass a configuration closed the "
                 "right way round"
             )
         return point
@@ -232,7 +232,7 @@ class Parametrization:
         raise UnreachableError(
             f"q = {_show(q)} cannot be reached from q = {_show(q_start)} along a straight line: it is blocked by a "
             f"singularity or the end of the workspace after {100 * done:.2f} % of the way, at q = {_show(q_reached)} "
-            f"(reciprocal condition number of ψ_q′ {rcond:.1e}); pass a guess nearer to it if another way exists",
+            f"(reciprocal condition number of ψ_q′ {rcond:.1e}); pass near= closer to it if another way exists",
             q=q,
             q_reached=q_reached,
             fraction=done,
@@ -240,7 +240,7 @@ class Parametrization:
         )
 
     def _closed_start(self, start: Array | ClosedPoint, proved: bool) -> ClosedPoint:
-        """Close an open guess at its own q: φ goes to zero along a straight line, step by step.
+        """Close an open configuration at its own q: φ goes to zero along a straight line, step by step.
 
         Raises:
             InvalidInputError: It is too far open for that.
@@ -256,7 +256,7 @@ class Parametrization:
             assert isinstance(here, ClosedPoint)
             return here
         raise InvalidInputError(
-            f"the guess is open by {self.constraints.misfit(phi)} and cannot be closed at its own q = {_show(q)}; "
+            f"near is open by {self.constraints.misfit(phi)} and cannot be closed at its own q = {_show(q)}; "
             "pass a closed configuration of the branch wanted"
         )
 

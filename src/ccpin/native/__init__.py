@@ -122,6 +122,3 @@ def _declined(*_: object, **__: object) -> None:
 
 _KEPT = 4
 _MADE: WeakKeyDictionary[Mechanism, OrderedDict[bytes, Kernel | Declining]] = WeakKeyDictionary()
-
-
-__all__ = ["Backend", "Declining", "Kernel", "backend", "core_of", "kernel"]

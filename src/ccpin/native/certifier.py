@@ -25,7 +25,7 @@ def compiled_core() -> ModuleType | None:
     """The compiled core, or ``None`` where NumPy is to do its work.
 
     Raises:
-        InvalidInputError: As for `ccpin.native.backend`.
+        InvalidInputError: As for `ccpin.backend`.
     """
     if backend().name == "numpy":
         return None
@@ -40,7 +40,7 @@ def certifier(system: ClosureSystem, phasors: Phasors | None) -> Certifier | Non
     It is made once, immutable, and any number of threads may ask it at once.
 
     Raises:
-        InvalidInputError: As for `ccpin.native.backend`.
+        InvalidInputError: As for `ccpin.backend`.
     """
     core = compiled_core()
     if core is None or not system.m:

@@ -120,8 +120,8 @@ def _theorem_three(study: Study) -> Item:
         "Local asymptotic stability of the set point",
         "If ‖∂g/∂q‖ ≤ β on B_2 = {𝒱 ≤ c}, the largest such set within Ω, and every k_pi > β, the set point is "
         "asymptotically stable for starts in B_2. Experiment 1 starts at (−150°, −160°).",
-        "`ccpin.control.certify_law` proves c and β over certified cells. The paper's own start lies outside of B_2: 𝒱 "
-        f"there is {found.start / certificate.level:.1f} times c. What closes the gap is "
+        "`ccpin.control.certify_set_point` proves c and β over certified cells. The paper's own start is outside of "
+        f"B_2: 𝒱 there is {found.start / certificate.level:.1f} times c. What closes the gap is "
         f"`ccpin.validated.certify_move`, an enclosure of the exact "
         "motion that leads from the start into B_2.",
         "by how much β exceeds k_p on B₂ (nothing where the gain condition is proved)",

@@ -10,7 +10,6 @@ from ccpin.paper import printed
 from ccpin.paper.experiments import move_times, poles, why_slower
 from ccpin.paper.item import Erratum
 from ccpin.paper.move_certificate import Theorem3Facts
-from ccpin.paper.omega import radii
 from ccpin.paper.robot import determinants
 from ccpin.paper.study import CENTRES, GOAL, START, Study
 
@@ -69,7 +68,7 @@ def _sign() -> Erratum:
 
 
 def _form(study: Study) -> Erratum:
-    found = radii(study)
+    found = study.radii
     closest = ", ".join(f"{one.closest:.2f}°" for one in found)
     papers = ", ".join(f"{one.paper:g}°" for one in found)
     return Erratum(

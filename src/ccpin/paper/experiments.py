@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.dynamics import closed_loop_derivative, linearize
+from ccpin.dynamics import linearize
 from ccpin.paper.item import Drawing, Item
 from ccpin.paper.motions import cycles_figure, panels_figure, path_figure
 from ccpin.paper.study import BAND, CYCLES, ESTIMATE, FRICTION, GOAL, K_P, K_V, START, Study, settled
-from ccpin.simulation import SupervisedMotion
+from ccpin.simulation.studies.supervision import SupervisedMotion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -115,7 +115,7 @@ def move_times(study: Study) -> tuple[MoveTimes, ...]:
 def poles(study: Study, goal: Array) -> Array:
     """Eigenvalues of the closed loop under (28) linearised about a set point, 1/s, the slowest first."""
     model = study.model
-    loop = closed_loop_derivative(linearize(model, goal, model.gravity(goal)), -np.diag(K_P), -np.diag(K_V))
+    loop = linearize(model, goal, model.gravity(goal)).closed_loop(-np.diag(K_P), -np.diag(K_V))
     values = np.linalg.eigvals(loop)
     return np.asarray(values[np.argsort(-values.real)])
 

@@ -29,7 +29,7 @@ class Drawing(NamedTuple):
 class Item(NamedTuple):
     """A numbered equation, figure, table or theorem: the paper's, ours, and how far they are apart.
 
-    Texts are plain, with ``x_i`` and ``x^2`` for indices and powers, as `ccpin.pages.formula` takes them.
+    Texts are plain, with ``x_i`` and ``x^2`` for indices and powers, as `ccpin.pages.parts.formula` takes them.
 
     Attributes:
         number: As the paper numbers it: ``Eq. (14)``, ``Fig. 6``, ``Table I``.

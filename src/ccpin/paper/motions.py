@@ -12,7 +12,7 @@ from ccpin.paper import printed
 from ccpin.paper.study import BAND, GOAL, START, Study
 from ccpin.plotting import plot_configurations
 from ccpin.plotting.style import COLOURS, drawing
-from ccpin.simulation import Trajectory
+from ccpin.simulation.results.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

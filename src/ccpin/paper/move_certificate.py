@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.control import PDSimpleGravity, SetPointCertificate, certify_law, sample_region
+from ccpin.control import PDSimpleGravity
+from ccpin.control.stability.set_point.theorem3 import SetPointCertificate, certify_law
+from ccpin.control.stability.set_point.well import sample_region
 
 if TYPE_CHECKING:
-    from ccpin.validated import MoveCertificate
+    from ccpin.validated.sets.move import MoveCertificate
 
 _PRECISION = 128
 _RAY = 1e-3

@@ -3,55 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
-from ccpin.arrays import Array
-from ccpin.domain import (
-    QuadraticSystem,
-    certify,
-    kantorovich_radius,
-    singularities,
-    theorem2,
-)
-from ccpin.domain.theorem2.polynomials import Polynomial
+from ccpin.domain import certify, singularities, theorem2
+from ccpin.domain.theorem2.polynomials import Polynomial, QuadraticSystem
 from ccpin.paper import printed
 from ccpin.paper.extremes import extremes_figure, singular_figure
 from ccpin.paper.item import Drawing, Item, apart
 from ccpin.paper.study import CENTRES, GOAL, RADII, START, Study
 
-_EDGE = np.linspace(-1.0, 1.0, 2001)
 _CORNERS = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
 EXAMPLE_V = np.array([2.0, 2.0, 4.0, 2.0, 2.0, 8.0])
 """The worked example's v; its largest entry is c."""
 ISOLATED = (56.944, 123.056)
 """Where the elbows meet, degrees, as printed; minus it is the other."""
-
-
-class Radii(NamedTuple):
-    """Radii about one of Table I's centres, degrees.
-
-    Attributes:
-        centre: (q1, q2).
-        paper: As printed.
-        closest: Theorem 2 in the form that comes closest to the printed ones: absolute angles, unit scales.
-        theorem2: Theorem 2 in the better form, its unknowns scaled for the largest radius.
-        reach: One box in joint space, bounds by reach.
-        planar: One box in joint space, bounds for planar loops.
-        atlas: By an atlas of many boxes.
-        exact: Of the largest square on which the closed-form σ exists and is nonsingular.
-    """
-
-    centre: tuple[float, float]
-    paper: float
-    closest: float
-    theorem2: float
-    reach: float
-    planar: float
-    atlas: float
-    exact: float
 
 
 def items(study: Study) -> Iterator[Item]:
@@ -79,7 +45,7 @@ def _example() -> Item:
         "A system brought to degree two, and its c",
         "Unknowns (x, y, u, v, w, s), equations xu − 1, xv − 2y, u^2 + v^2 − 1, x^2 − w, y^2 − s, sy − 3wy with right "
         "side (0, 0, 0, 0, 0, r): v = (2, 2, 4, 2, 2, 8), c = 8.",
-        "`ccpin.domain.QuadraticSystem.from_polynomials(…).v` and `.c`.",
+        "`QuadraticSystem.from_polynomials(…).v` and `.c`.",
         "all six entries of v",
         apart(system.v, EXAMPLE_V),
         "",
@@ -89,48 +55,9 @@ def _example() -> Item:
     )
 
 
-def radii(study: Study) -> tuple[Radii, ...]:
-    """The radii about Table I's centres by every certificate there is, and the exact ones."""
-    found = []
-    for centre, paper in zip(CENTRES, RADII, strict=True):
-        q_free = study.model.sigma(centre)
-        closest = theorem2(study.mechanism, q_free, form="absolute", scaling="unit")
-        measured = [
-            closest.radius,
-            theorem2(study.mechanism, q_free).radius,
-            kantorovich_radius(study.mechanism, q_free),
-            kantorovich_radius(study.mechanism, q_free, bounds="planar"),
-            certify(study.mechanism, centre, guess=q_free, max_depth=0).radius,
-            exact_radius(centre),
-        ]
-        first, second = np.degrees(centre).round(9).tolist()
-        found.append(Radii((first, second), paper, *np.degrees(measured).tolist()))
-    return tuple(found)
-
-
-def exact_radius(centre: Array) -> float:
-    """Half width of the largest square on which σ exists and is nonsingular, by bisection on its edges (rad)."""
-
-    def slack(radius: float) -> float:
-        edges = np.concatenate(
-            [np.column_stack(pair) for side in (-1.0, 1.0) for pair in _sides(np.full(len(_EDGE), side))]
-        )
-        reach = float(printed.A[2] + printed.A[3])
-        return reach - float(printed.elbow_distance(centre + radius * edges).max())
-
-    isolated = printed.coincident_elbows() * [[1.0], [-1.0]]
-    away = np.remainder(isolated - centre + np.pi, 2 * np.pi) - np.pi
-    stretched = brentq(slack, 1e-6, np.pi) if slack(np.pi) < 0 else np.pi
-    return float(min(stretched, np.abs(away).max(axis=1).min()))
-
-
-def _sides(side: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    return (_EDGE, side), (side, _EDGE)
-
-
 def table_one(study: Study) -> Item:
     """Table I: the printed radii beside every certificate and the exact radii."""
-    found = radii(study)
+    found = study.radii
     head = ("centre (q_1, q_2)", "paper", "closest form", "Theorem 2", "one box", "one box, planar", "atlas", "exact")
     rows = [(_place(one.centre), *(f"{value:.3f}°" for value in one[1:])) for one in found]
     return Item(

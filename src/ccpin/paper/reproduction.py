@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 from ccpin.arrays import listener
-from ccpin.pages import versions
+from ccpin.pages.provenance import versions
 from ccpin.paper import control, experiments, modeling, omega, reduced, robot
 from ccpin.paper.corrections import errata
 from ccpin.paper.item import Erratum, Item

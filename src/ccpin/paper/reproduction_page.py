@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 
-from ccpin.pages import Section, bullets, figure, formula, paragraphs, preformatted, render, table, tabs
+from ccpin.pages.html_page import Section, render
+from ccpin.pages.parts import bullets, figure, formula, paragraphs, preformatted, table, tabs
 from ccpin.paper.item import Drawing, Erratum, Item
 from ccpin.paper.reproduction import Reproduction
 

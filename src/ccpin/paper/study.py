@@ -10,12 +10,16 @@ import numpy as np
 
 from ccpin.arrays import Array, frozen
 from ccpin.control import CoulombCompensation, PDSimpleGravity, Sampling
-from ccpin.dynamics import ReducedModel, State
-from ccpin.mechanism import load
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import State
+from ccpin.mechanism.loading.loader import load
 from ccpin.paper import printed
+from ccpin.paper.certified_squares import Radii, radii_about
 from ccpin.paper.move_certificate import Theorem3Facts, theorem3_facts
-from ccpin.simulation import Settling, SupervisedMotion, Trajectory, supervise
+from ccpin.simulation import Settling, supervise
 from ccpin.simulation.integration.single_run import simulate
+from ccpin.simulation.results.trajectory import Trajectory
+from ccpin.simulation.studies.supervision import SupervisedMotion
 
 NAMES = ("joint1", "joint2", "joint3", "joint4")
 """The paper's order of q′, by the joints' names in the file."""
@@ -60,14 +64,22 @@ class Study:
     """Everything the page's items are computed of, made when first asked for and then kept.
 
     Attributes:
+        start, goal: Where the moves begin and end, of shape (2,), rad.
+        bench_options: Friction and sampling of the bench, as `ccpin.simulate` takes them.
         mechanism, model: The RPDR.
         law: (28) to the goal with the paper's gains.
+        towards_goal: It with the Coulomb friction that is estimated, compensated along the way to the goal.
+        by_error: It with that friction compensated by the error.
     """
+
+    start, goal, bench_options = START, GOAL, BENCH
 
     def __init__(self) -> None:
         self.mechanism = load("rpdr")
         self.model = ReducedModel(self.mechanism)
         self.law = PDSimpleGravity(self.model, GOAL, K_P, K_V)
+        self.towards_goal = CoulombCompensation(self.law, ESTIMATE, START)
+        self.by_error = _compensated(self.law)
         names = [joint.name for joint in self.mechanism.tree.joints]
         self._order = [names.index(name) for name in NAMES]
 
@@ -117,8 +129,7 @@ class Study:
 
         That is g(q_d) and the Coulomb friction estimated at q_d.
         """
-        law = CoulombCompensation(self.law, ESTIMATE, START)
-        return _whole(simulate(self.model, law, START, duration=DURATION, **BENCH))
+        return _whole(simulate(self.model, self.towards_goal, START, duration=DURATION, **BENCH))
 
     @cached_property
     def cycles_ideal(self) -> SupervisedMotion:
@@ -128,7 +139,7 @@ class Study:
     @cached_property
     def cycles_bench(self) -> SupervisedMotion:
         """Experiment 2 on the bench, friction compensated by the error."""
-        return self._cycles(lambda law: CoulombCompensation(law, ESTIMATE, width=WIDTH), BENCH)
+        return self._cycles(_compensated, BENCH)
 
     def _cycles(self, made: Callable[[PDSimpleGravity], Any], options: dict[str, Any]) -> SupervisedMotion:
         motion = supervise(
@@ -144,9 +155,18 @@ class Study:
         return motion
 
     @cached_property
+    def radii(self) -> tuple[Radii, ...]:
+        """The radii about Table I's centres by every certificate there is, and the exact ones."""
+        return tuple(radii_about(self.model, centre, paper) for centre, paper in zip(CENTRES, RADII, strict=True))
+
+    @cached_property
     def theorem3(self) -> Theorem3Facts:
         """Theorem 3 about Experiment 1's goal, and its start."""
         return theorem3_facts(self.law, START)
+
+
+def _compensated(law: PDSimpleGravity) -> CoulombCompensation:
+    return CoulombCompensation(law, ESTIMATE, width=WIDTH)
 
 
 def _whole(motion: Trajectory) -> Trajectory:

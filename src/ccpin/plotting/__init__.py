@@ -6,7 +6,7 @@ Matplotlib is imported when a figure is drawn, not before.
 from __future__ import annotations
 
 from ccpin.plotting.atlases import plot_atlas, plot_radius_map, plot_singularities
-from ccpin.plotting.motion import plot_configuration_panels, plot_configurations, plot_motion
+from ccpin.plotting.motion import plot_configurations, plot_motion
 from ccpin.plotting.sheets import plot_sheets
 from ccpin.plotting.stability import plot_lyapunov, plot_sublevel
 from ccpin.plotting.style import COLOURS, STYLE, save
@@ -15,7 +15,6 @@ __all__ = [
     "COLOURS",
     "STYLE",
     "plot_atlas",
-    "plot_configuration_panels",
     "plot_configurations",
     "plot_lyapunov",
     "plot_motion",
@@ -25,3 +24,4 @@ __all__ = [
     "plot_sublevel",
     "save",
 ]
+__dir__ = __all__.copy

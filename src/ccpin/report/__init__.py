@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from ccpin.report.page import PARTS, Report, write
+from ccpin.report.page import write
 from ccpin.report.settings import ReportSettings
 
-__all__ = ["PARTS", "Report", "ReportSettings", "write"]
+__all__ = [
+    "ReportSettings",
+    "write",
+]
+__dir__ = __all__.copy

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.dynamics import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.kinematics.points import joint_poses, moved
-from ccpin.mechanism import Mechanism
+from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.wireframe import plane_of_motion
-from ccpin.pages import bullets, figure, paragraphs, table
-from ccpin.plotting import COLOURS, plot_configuration_panels
+from ccpin.pages.parts import bullets, figure, paragraphs, table
+from ccpin.plotting import COLOURS
+from ccpin.plotting.motion import plot_configuration_panels
 from ccpin.report.settings import value
 
 if TYPE_CHECKING:

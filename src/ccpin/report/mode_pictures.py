@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from ccpin.dynamics import ReducedModel, assembly_modes
-from ccpin.pages import figure, paragraphs, table
-from ccpin.plotting import plot_configuration_panels
+from ccpin.dynamics import assembly_modes
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.pages.parts import figure, paragraphs, table
+from ccpin.plotting.motion import plot_configuration_panels
 from ccpin.report.settings import ReportSettings
 
 _DRAWN = 4

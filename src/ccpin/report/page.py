@@ -10,12 +10,13 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from ccpin.arrays import listener
-from ccpin.dynamics import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError
 from ccpin.files import writable_target, write_atomically
-from ccpin.mechanism import Mechanism
-from ccpin.mechanism.mechanism import HasMechanism, mechanism_of
-from ccpin.pages import Section, bullets, paragraphs, preformatted, render, versions
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.pages.html_page import Section, render
+from ccpin.pages.parts import bullets, paragraphs, preformatted
+from ccpin.pages.provenance import versions
 from ccpin.report import description_facts, mode_pictures, set_point_move, validity
 from ccpin.report.settings import ReportSettings
 

@@ -9,16 +9,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.control import ControlLaw, NoTorque, PDSimpleGravity, local_gains
-from ccpin.dynamics import ReducedModel
+from ccpin.control import ControlLaw, PDSimpleGravity, local_gains
+from ccpin.control.laws import NoTorque
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError
 from ccpin.kinematics.coordinates import checked_q
-from ccpin.mechanism import Mechanism
-from ccpin.pages import embedded, figure, paragraphs, table
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.pages.parts import embedded, figure, paragraphs, table
 from ccpin.plotting import plot_lyapunov, plot_motion
 from ccpin.report.settings import ReportSettings, scalar, value
-from ccpin.simulation import Trajectory, lyapunov_along, set_point_metrics
+from ccpin.simulation import lyapunov_along, set_point_metrics
 from ccpin.simulation.integration.single_run import simulate
+from ccpin.simulation.results.trajectory import Trajectory
 from ccpin.visualization import animate, snapshot
 
 _STEP, _PART = 0.35, 0.06
@@ -58,7 +60,7 @@ def run(model: ReducedModel, settings: ReportSettings) -> Experiment:
     try:
         if goal is None:
             raise CcpinError("no goal beside the start was found along which the mechanism stays well conditioned")
-        gains = local_gains(model, goal, frequency=settings.frequency, guess=model.sigma(start))
+        gains = local_gains(model, goal, frequency=settings.frequency, near=model.sigma(start))
         law: ControlLaw = PDSimpleGravity(model, goal, *gains, model.sigma(start))
     except CcpinError as error:
         if wanted is not None:

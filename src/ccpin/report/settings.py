@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.mechanism import Mechanism
+from ccpin.mechanism.mechanism import Mechanism
 
 
 class ReportSettings(NamedTuple):

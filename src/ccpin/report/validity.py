@@ -9,19 +9,13 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.domain import (
-    Atlas,
-    SingularCurve,
-    certify,
-    kantorovich_radius,
-    scalar_coordinates_at,
-    singularities,
-    theorem2,
-)
-from ccpin.dynamics import ReducedModel, State
+from ccpin.domain import Atlas, certify, kantorovich_radius, scalar_coordinates_at, singularities, theorem2
+from ccpin.domain.singular.sampled import SingularCurve
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError
-from ccpin.mechanism import Mechanism
-from ccpin.pages import figure, paragraphs, table
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.pages.parts import figure, paragraphs, table
 from ccpin.plotting import plot_atlas, plot_singularities
 from ccpin.plotting.style import drawing
 from ccpin.report.settings import ReportSettings, scalar, sliding

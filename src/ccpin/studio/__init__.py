@@ -9,10 +9,12 @@ from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.studio.cache import Cache
 from ccpin.studio.server import Studio
-from ccpin.studio.session import Session
 from ccpin.studio.subject import Subject
 
-__all__ = ["Session", "Studio", "Subject", "studio"]
+__all__ = [
+    "studio",
+]
+__dir__ = __all__.copy
 
 LAST_PORT = 65535
 

@@ -8,15 +8,14 @@ import numpy as np
 
 from ccpin.arrays import Array, numbers
 from ccpin.dynamics.end_effector import EndEffector
-from ccpin.dynamics.inverse_kinematics import UnreachableTargetError
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
-from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
+from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnreachableTargetError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.wireframe import plane_of_motion
 
 TOOLS = ("end_effector", "effector", "tool", "platform", "coupler", "foot", "toe", "hand", "flange")
-"""Words in a name that make it the first guess for what is worth dragging, best first."""
+"""Words in a name that make it the first choice of what is worth dragging, best first."""
 MISSED = 1e-4
 """A drag ended short of the hand by less than this, of the mechanism's size, is no miss."""
 

@@ -13,7 +13,7 @@ from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.flood import Flooded
 from ccpin.control.stability.set_point.theorem3 import certify_law
-from ccpin.domain.theorem2.radius import theorem2_radius
+from ccpin.domain.theorem2.radius import theorem2
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.studio import map_pieces
@@ -121,7 +121,7 @@ class Maps:
 
         def work(job: Job) -> Callable[[], Message]:
             try:
-                radius, words = theorem2_radius(subject.mechanism, here.q_free), ""
+                radius, words = theorem2(subject.mechanism, here.q_free).radius, ""
             except CcpinError as error:
                 radius, words = 0.0, str(error)
             radius = radius if np.isfinite(radius) else 0.0

@@ -67,7 +67,7 @@ def offered_gains(model: ReducedModel, goal: State, law: LawName) -> tuple[Array
     n = model.n
     if law == "computed":
         return np.full(n, BANDWIDTH**2), np.full(n, 2 * BANDWIDTH)
-    K_p, K_v = local_gains(model, goal.q, frequency=BANDWIDTH, guess=goal.q_free)
+    K_p, K_v = local_gains(model, goal.q, frequency=BANDWIDTH, near=goal.q_free)
     return np.diag(K_p).copy(), np.diag(K_v).copy()
 
 

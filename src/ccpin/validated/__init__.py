@@ -5,19 +5,13 @@ Needs python-flint (the extra ``validated``), which is imported when a function 
 
 from __future__ import annotations
 
-from ccpin.validated.flow.enclosure import Enclosure, StateBox, enclose
-from ccpin.validated.sets.move import MoveCertificate, certify_move
-from ccpin.validated.sets.set_enclosure import SetEnclosure, enclose_set
-from ccpin.validated.sets.subdivision import Starts, Tube
+from ccpin.validated.flow.enclosure import enclose
+from ccpin.validated.sets.move import certify_move
+from ccpin.validated.sets.set_enclosure import enclose_set
 
 __all__ = [
-    "Enclosure",
-    "MoveCertificate",
-    "SetEnclosure",
-    "Starts",
-    "StateBox",
-    "Tube",
     "certify_move",
     "enclose",
     "enclose_set",
 ]
+__dir__ = __all__.copy

@@ -25,18 +25,12 @@ from ccpin.visualization.scene import Scene
 from ccpin.visualization.scene_page import CommandRecorder, render_page
 
 __all__ = [
-    "FILMS",
-    "PAGES",
-    "STILLS",
-    "Embedded",
-    "HasForce",
-    "Scene",
-    "Viewer",
     "animate",
     "embed",
     "snapshot",
     "view",
 ]
+__dir__ = __all__.copy
 
 
 def animate(

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control import Budget, ComputedTorque, PDSimpleGravity, certify_law, certify_tracking
+from ccpin import simulate
+from ccpin.control import ComputedTorque, PDSimpleGravity, certify_tracking
 from ccpin.control.references import PointToPoint
+from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.mechanism.assumptions import limits_left_out, mass_assumed, massless, rubbing, without_dry_friction
-from ccpin.simulation import simulate
 from tests.support.paper import GOAL, K_P, K_V
 
 
@@ -20,7 +21,7 @@ def rough():
 def test_set_points_with_dry_friction_are_where_motions_come_to_rest(rough):
     """A motion rests beside q_d, inside of 𝒬, where friction can hold ∇U; the certificate says that and no more."""
     law = PDSimpleGravity(rough, GOAL, K_P, K_V)
-    certificate = certify_law(law, budget=Budget(10, 200))
+    certificate = certify_law(law, max_depth=10, budget=200)
     assert certificate.verdict == "proven"
     assert "dry friction of joint1, joint3" in certificate.reason
     assert "comes to rest" in certificate.reason
@@ -41,7 +42,7 @@ def test_set_points_with_dry_friction_are_where_motions_come_to_rest(rough):
 def test_an_unstable_set_point_may_be_held_by_dry_friction(rough):
     """What is refuted is stability without it: friction may hold a set point up that would fall."""
     upright, mode = np.radians([90.0, 90.0]), np.radians([90.0, -30.0, 90.0, 30.0])
-    certificate = certify_law(PDSimpleGravity(rough, upright, [0.5, 0.5], K_V, mode), budget=Budget(2, 5))
+    certificate = certify_law(PDSimpleGravity(rough, upright, [0.5, 0.5], K_V, mode), max_depth=2, budget=5)
     assert certificate.verdict == "refuted"
     assert "not stable" in certificate.reason
     assert "without the dry friction of joint1, joint3" in certificate.reason
@@ -49,7 +50,7 @@ def test_an_unstable_set_point_may_be_held_by_dry_friction(rough):
 
 def test_without_dry_friction_they_converge(rpdr_model):
     """The words of Theorem 3 itself, and the limits that the file states."""
-    certificate = certify_law(PDSimpleGravity(rpdr_model, GOAL, K_P, K_V), budget=Budget(8, 60))
+    certificate = certify_law(PDSimpleGravity(rpdr_model, GOAL, K_P, K_V), max_depth=8, budget=60)
     assert "converges" in certificate.reason
     assert certificate.assumes == limits_left_out(rpdr_model.mechanism)
     assert [told.split(" joint")[0] for told in certificate.assumes] == [
@@ -66,7 +67,7 @@ def test_that_motions_move_mass_is_shown_or_said():
     assert "platform_x" in massless(ccpin.load("delta"))
     model = ccpin.ReducedModel(ccpin.load("delta"))
     certificate = certify_law(
-        PDSimpleGravity(model, np.zeros(3), np.full(3, 30.0), np.full(3, 4.0)), budget=Budget(0, 1)
+        PDSimpleGravity(model, np.zeros(3), np.full(3, 30.0), np.full(3, 4.0)), max_depth=0, budget=1
     )
     assert "every motion moves mass" in certificate.assumes[-1]
 

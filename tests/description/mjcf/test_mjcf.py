@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ccpin import MechanismDescription
 from ccpin.arrays import Array
-from ccpin.description import Joint, MechanismDescription
+from ccpin.description import Joint
 from ccpin.errors import DescriptionError
 from tests.support.mjcf_files import ALL, BALL, PAIR, SAMPLES, model, read
 

@@ -159,7 +159,7 @@ def test_the_folder_the_yaml_and_the_bare_urdf_with_closures_give_one_reduced_mo
     q = models[0].alpha(models[0].mechanism.q_reference)
     first = models[0].terms(q + 0.05, [0.7])
     for model in models[1:]:
-        terms = model.terms(q + 0.05, [0.7], guess=models[0].mechanism.q_reference)
+        terms = model.terms(q + 0.05, [0.7], near=models[0].mechanism.q_reference)
         for mine, theirs in zip(terms, first, strict=True):
             np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-12)
 

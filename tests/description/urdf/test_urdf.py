@@ -59,11 +59,11 @@ def read(*parts, attributes=""):
     return read_urdf(robot(*parts, attributes=attributes), None)
 
 
-def terms(text, folder, guess=None):
+def terms(text, folder, near=None):
     """D, C and g of a four-bar given as text, at one state."""
     (folder / "bars.urdf").write_bytes(text)
     model = ccpin.ReducedModel(ccpin.load(folder / "bars.urdf", independent=["a"]))
-    return model.terms([0.9], [1.3], guess if guess is not None else None)
+    return model.terms([0.9], [1.3], near if near is not None else None)
 
 
 def rotation(rpy):
@@ -95,9 +95,9 @@ DRAKE_DISTANCE = (
 @pytest.mark.parametrize("declared", ["", 'xmlns:drake="http://drake.mit.edu"'])
 def test_every_dialect_says_the_same_four_bar(dialect, declared, tmp_path):
     """D, C, g of the loop in each dialect equal the four-bar's, with the drake: prefix declared or not."""
-    guess = ccpin.ReducedModel(ccpin.load(read(LINKS, JOINTS, LOOP), independent=["a"])).sigma([0.9])
-    found = terms(robot(LINKS, JOINTS, DIALECTS[dialect], attributes=declared), tmp_path, guess)
-    expected = terms(robot(LINKS, JOINTS, LOOP), tmp_path, guess)
+    near = ccpin.ReducedModel(ccpin.load(read(LINKS, JOINTS, LOOP), independent=["a"])).sigma([0.9])
+    found = terms(robot(LINKS, JOINTS, DIALECTS[dialect], attributes=declared), tmp_path, near)
+    expected = terms(robot(LINKS, JOINTS, LOOP), tmp_path, near)
     for mine, theirs in zip(found, expected, strict=True):
         np.testing.assert_allclose(mine, theirs, atol=1e-10)
 

@@ -14,7 +14,8 @@ import pytest
 
 import ccpin
 from ccpin import domain, work
-from ccpin.domain import Atlas, CellStatus, certify
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import Atlas, certify
 from ccpin.domain.atlas import certifying
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
 from ccpin.proof.equations import closures_of
@@ -172,7 +173,7 @@ def test_sigma_is_that_of_the_parametrization(rpdr, torus):
     parametrization = rpdr.parametrization()
     start = parametrization.sigma(SEED).q_free
     for q in SEED + np.radians(12.0) * np.random.default_rng(3).uniform(-1, 1, (20, 2)):
-        assert np.abs(atlas.sigma(q) - parametrization.sigma(q, guess=start).q_free).max() < 1e-9
+        assert np.abs(atlas.sigma(q) - parametrization.sigma(q, near=start).q_free).max() < 1e-9
 
 
 def test_contains_and_sigma_check_their_input(torus):
@@ -191,7 +192,7 @@ def test_contains_and_sigma_check_their_input(torus):
 def test_the_other_mode_has_the_same_domain(rpdr):
     """With the end effector up the largest square is the same: the domain depends on the elbows only."""
     q1, q2, q3, q4 = oracle.sigma(SEED, -1.0)
-    atlas = certify(rpdr, SEED, guess=np.array([q1, q3, q2, q4]), max_depth=0)
+    atlas = certify(rpdr, SEED, near=np.array([q1, q3, q2, q4]), max_depth=0)
     exact = exact_radius(SEED)
     assert 0.999 * exact <= atlas.radius < exact
     found = atlas.sigma(SEED + 0.9 * exact * np.random.default_rng(0).uniform(-1, 1, (50, 2)))
@@ -313,7 +314,7 @@ def test_empty_is_proved_beyond_reach(rpdr):
     """In a region where the elbows are too far apart nearly all is proved empty, from a seed at its edge."""
     region, seed = np.radians([(60.0, -40.0), (179.0, 60.0)]), np.radians((80.0, 20.0))
     q1, q2, q3, q4 = oracle.sigma(seed, 1.0)
-    atlas = certify(rpdr, seed, region, guess=np.array([q1, q3, q2, q4]), max_depth=8)
+    atlas = certify(rpdr, seed, region, near=np.array([q1, q3, q2, q4]), max_depth=8)
     points = np.random.default_rng(2).uniform(*region, (50_000, 2))
     beyond = elongation(points) > 1.0
     assert 0.05 < beyond.mean() < 0.95
@@ -508,7 +509,7 @@ def test_a_model_stands_for_its_mechanism(rpdr, rpdr_model):
     q_free = rpdr_model.sigma(SEED)
     assert same(certify(rpdr, SEED, max_depth=0), certify(rpdr_model, SEED, max_depth=0))
     assert domain.kantorovich_radius(rpdr, q_free) == domain.kantorovich_radius(rpdr_model, q_free)
-    assert domain.theorem2_radius(rpdr, q_free) == domain.theorem2_radius(rpdr_model, q_free)
+    assert domain.theorem2(rpdr, q_free).radius == domain.theorem2(rpdr_model, q_free).radius
     path = [SEED, SEED + 0.01]
     assert domain.certify_path(rpdr_model, path).verdict == "proven"
     assert np.array_equal(

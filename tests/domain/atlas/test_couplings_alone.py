@@ -6,6 +6,7 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link
+from ccpin.domain.atlas.square import newton_steps
 from ccpin.errors import UnsupportedMechanismError
 from tests.support.walkthrough import file
 
@@ -27,7 +28,7 @@ def closed_form(mechanism, drive):
 def test_one_box_holds_everything(gripper, bounds):
     """The largest square tried is proved, and Newton needs one step at most."""
     assert domain.kantorovich_radius(gripper, gripper.q_reference, bounds) == 10.0
-    assert domain.newton_steps(gripper, gripper.q_reference, 0.5, bounds=bounds) == 1
+    assert newton_steps(gripper, gripper.q_reference, 0.5, bounds=bounds) == 1
 
 
 def test_atlas_and_path_are_the_closed_form(gripper):

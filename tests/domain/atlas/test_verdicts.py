@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.domain import CellStatus, certify, certify_path, scalar_coordinates_at
+from ccpin.control.stability.set_point.theorem3 import certify_law
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import certify, certify_path, scalar_coordinates_at
 from ccpin.domain.closures.system import reading_of
 from ccpin.domain.paths.refutation import line_problem
 from ccpin.domain.singular.folds import singular_points
@@ -86,7 +88,7 @@ def test_results_print_as_their_verdicts(rpdr):
     for result in (
         certify_path(rpdr, [SEED, end]),
         ccpin.domain.theorem2(rpdr, rpdr.q_reference),
-        ccpin.control.certify_law(law, budget=ccpin.control.Budget(6, 20)),
+        certify_law(law, max_depth=6, budget=20),
         ccpin.validated.enclose(model, law, SEED, None, 2e-3),
         ccpin.validated.enclose_set(model, law, SEED, None, 1e-3, spread=1e-5, parts=1),
     ):

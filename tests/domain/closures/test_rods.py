@@ -7,6 +7,7 @@ import ccpin
 from ccpin import domain
 from ccpin.control import certify_set_point
 from ccpin.covering.proposals.solving import newton
+from ccpin.domain import scalar_coordinates_at, theorem2
 from ccpin.domain.closures.system import reading_of
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.proof.equations import closure_values
@@ -77,7 +78,7 @@ def test_rods_cost_what_links_cost():
     mechanism = ccpin.load(rod_four_bar())
     link = ccpin.load("four_bar")
     for m in (mechanism, link):
-        assert domain.kantorovich_radius(m, m.q_reference, "planar") > domain.theorem2_radius(m, m.q_reference) > 0.1
+        assert domain.kantorovich_radius(m, m.q_reference, "planar") > theorem2(m, m.q_reference).radius > 0.1
 
 
 @pytest.mark.usefixtures("backend")
@@ -85,7 +86,7 @@ def test_rods_cost_what_links_cost():
 def test_a_stewart_platform_on_rods(kind):
     """Over the certified cube one root lies in the tube: Newton finds σ's from anywhere near, and no other there."""
     mechanism = ccpin.load(rod_stewart(kind))
-    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     radius = domain.kantorovich_radius(mechanism, mechanism.q_reference)
     assert radius > (0.005 if kind == "slides" else 0.03)
     path = domain.certify_path(mechanism, [q0, q0 + 3.0 * radius], 1e-4)
@@ -181,7 +182,7 @@ def test_attack_on_four_bars(skew, capsys):
 def test_attack_on_rods_in_space(make, capsys):
     """Newton from 8 random starts in each of 20,000 certified points' tubes and beyond finds one root in each tube."""
     mechanism = ccpin.load(make())
-    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     half = 0.4 if mechanism.n == 2 else 2.0 * domain.kantorovich_radius(mechanism, mechanism.q_reference)
     atlas = domain.certify(mechanism, q0, (q0 - half, q0 + half))
     problem, system, rng = atlas.problem, atlas.problem.system, np.random.default_rng(7)
@@ -208,7 +209,7 @@ def test_attack_on_rods_in_space(make, capsys):
 def test_a_map_in_six_coordinates():
     """Beyond three coordinates a region is asked for, and a cube of two one-box radii is certified whole."""
     mechanism = ccpin.load(rod_stewart())
-    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     half = 2.0 * domain.kantorovich_radius(mechanism, mechanism.q_reference)
     atlas = domain.certify(mechanism, q0, (q0 - half, q0 + half))
     assert (atlas.verdict, atlas.certified_fraction) == ("proven", 1.0)

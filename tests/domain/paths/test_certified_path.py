@@ -6,7 +6,7 @@ from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 from scipy.optimize import brentq
 
 import ccpin
-from ccpin.domain import certify_path
+from ccpin.domain import certify_path, scalar_coordinates_at
 from ccpin.domain.paths.pieces import pieces_of
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
 from ccpin.proof.chords import chord_of
@@ -116,14 +116,14 @@ def test_stops_at_the_coincident_elbows(rpdr):
     elbows, aside = -oracle.coincident_elbows(), np.array([0.0, np.radians(1.0)])
     ends = np.array([elbows - [0.2, 0.2], elbows + [0.2, 0.2]])
     q1, q2, q3, q4 = oracle.sigma(ends[0], 1.0)
-    guess = np.array([q1, q3, q2, q4])
-    blocked = certify_path(rpdr, ends, 0.0, guess)
+    near = np.array([q1, q3, q2, q4])
+    blocked = certify_path(rpdr, ends, 0.0, near)
     assert blocked.verdict != "proven"
     assert 0.5 - 1e-3 < blocked.reached < 0.5
     assert blocked.verdict == "undecided"
     assert blocked.witness is None
     assert "boxes of" in blocked.reason
-    assert certify_path(rpdr, ends + [aside, aside], 1e-3, guess).verdict == "proven"
+    assert certify_path(rpdr, ends + [aside, aside], 1e-3, near).verdict == "proven"
 
 
 def test_gough_stewart_translation_and_rotation(stewart):
@@ -200,7 +200,7 @@ def test_bad_input(rpdr):
 def test_a_fold_refutes_a_straight_path(name):
     """Paths far beyond the workspace meet a fold: the witness is singular, lies on the path and before its end."""
     mechanism = ccpin.load(name)
-    start = np.array(ccpin.domain.scalar_coordinates_at(mechanism, mechanism.q_reference))
+    start = np.array(scalar_coordinates_at(mechanism, mechanism.q_reference))
     way = np.random.default_rng(4).uniform(-3.0, 3.0, mechanism.n)
     path = certify_path(mechanism, [start, start + way], 1e-4)
     assert (path.verdict, path.witness.kind) == ("refuted", "singular")

@@ -5,7 +5,8 @@ import pytest
 
 import ccpin
 from ccpin import domain
-from ccpin.domain import CellStatus
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import scalar_coordinates_at
 from ccpin.domain.closures.searchable import all_values
 from ccpin.domain.closures.system import reading_of
 from tests.oracles import planar_3rpr as oracle
@@ -21,7 +22,7 @@ def test_nothing_empty_closes():
     Certified, empty, singular, undecided and unreached add up to the region.
     """
     mechanism = load_slice()
-    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     legs = domain.certify(mechanism, q0, WHOLE, max_depth=6, exhaustive=True)
     q = np.random.default_rng(0).uniform(*WHOLE, (20_000, 2))
     empty = legs.status(q) == CellStatus.EMPTY

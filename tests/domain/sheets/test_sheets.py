@@ -127,7 +127,7 @@ def test_a_sheet_goes_round_the_cusp(atlas, slice_):
     """Its two layers are joined by a path that is proved to meet no singularity and ends in another assembly mode."""
     assert atlas.sheets[0].layers == 2
     change = atlas.mode_change()
-    proof = domain.certify_path(slice_, change.path, tube=1e-6, guess=change.start)
+    proof = domain.certify_path(slice_, change.path, tube=1e-6, near=change.start)
     assert proof.verdict == "proven"
     end = proof.sigma(proof.reached)
     turned = np.abs(np.exp(1j * end) - np.exp(1j * change.end))
@@ -200,7 +200,7 @@ def test_the_3rrr_changes_its_mode_round_a_cusp():
     assert not np.any((expected != counted[known]) & ~doubtful)
     assert len(atlas.cusps()) == 1
     change = atlas.mode_change()
-    assert domain.certify_path(mechanism, change.path, tube=1e-6, guess=change.start).verdict == "proven"
+    assert domain.certify_path(mechanism, change.path, tube=1e-6, near=change.start).verdict == "proven"
 
 
 def knees_modes(q):

@@ -8,7 +8,8 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.cli import main
-from ccpin.domain import CellStatus, SheetAtlas, certify_sheets, merge, split_region
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import SheetAtlas, certify_sheets, merge, split_region
 from ccpin.errors import InvalidInputError
 from tests.oracles import planar_3rpr as sextic
 from tests.oracles import rpdr as five_bar
@@ -73,7 +74,7 @@ def test_modes_change_on_a_way_through_all_parts():
     assert not np.any((counted >= 0) & (counted != expected) & ~doubtful)
     assert max(sheet.layers for sheet in merged.sheets) > max(s.layers for part in parts for s in part.sheets)
     change = merged.mode_change()
-    path = domain.certify_path(mechanism, change.path, tube=1e-6, guess=change.start)
+    path = domain.certify_path(mechanism, change.path, tube=1e-6, near=change.start)
     assert path.verdict == "proven"
     assert np.abs(np.exp(1j * path.sigma(path.reached)) - np.exp(1j * change.end)).max() < 1e-9
     assert np.abs(np.exp(1j * change.end) - np.exp(1j * change.start)).max() > 0.1

@@ -9,8 +9,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin.description import Coupling, CouplingTerm, Joint, Link, LoopClosure, MechanismDescription
-from ccpin.domain import theorem2, theorem2_radius
+from ccpin import LoopClosure, MechanismDescription
+from ccpin.description import Coupling, CouplingTerm, Joint, Link
+from ccpin.domain import theorem2
 from ccpin.domain.theorem2.form import FORMS, quadratic_form
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import rpdr as closed_form
@@ -83,7 +84,7 @@ def test_table_1(rpdr, centre, paper, exact):
     """At the paper's four centres the radius is positive, never above the exact one, and not below the paper's."""
     q0 = np.deg2rad(centre)
     assert np.rad2deg(exact_radius(q0)) == pytest.approx(exact, abs=1e-2)
-    radius = theorem2_radius(rpdr, configuration(rpdr, closed_form.sigma(q0, 1.0)))
+    radius = theorem2(rpdr, configuration(rpdr, closed_form.sigma(q0, 1.0))).radius
     assert np.deg2rad(paper) <= radius <= exact_radius(q0)
 
 
@@ -92,7 +93,7 @@ def test_never_above_the_exact_radius(rpdr):
     rng = np.random.default_rng(11)
     for mode in (1.0, -1.0):
         for paper_order in closed_form.random_configurations(rng, 4, mode, away=1e-3):
-            radius = theorem2_radius(rpdr, configuration(rpdr, paper_order))
+            radius = theorem2(rpdr, configuration(rpdr, paper_order)).radius
             assert 0.0 < radius <= exact_radius(paper_order[:2])
 
 
@@ -101,7 +102,7 @@ def test_beside_the_coinciding_elbows(rpdr):
     for distance in (0.5, 0.1, 1e-3):
         for angle in np.linspace(0.0, 2.0 * np.pi, 7):
             q0 = closed_form.coincident_elbows() + distance * np.array([np.cos(angle), np.sin(angle)])
-            radius = theorem2_radius(rpdr, configuration(rpdr, closed_form.sigma(q0, 1.0)))
+            radius = theorem2(rpdr, configuration(rpdr, closed_form.sigma(q0, 1.0))).radius
             assert 0.0 < radius < np.abs(q0 - closed_form.coincident_elbows()).max()
 
 
@@ -112,7 +113,7 @@ def test_sigma_all_over_the_square(rpdr, centre, paper, exact):
     q0 = np.deg2rad(centre)
     start = configuration(rpdr, closed_form.sigma(q0, 1.0))
     rng = np.random.default_rng(12)
-    for q in cube_points(q0, theorem2_radius(rpdr, start), rng, 150):
+    for q in cube_points(q0, theorem2(rpdr, start).radius, rng, 150):
         found = parametrization.sigma(q, start).q_free
         expected = configuration(rpdr, closed_form.sigma(q, 1.0))
         np.testing.assert_allclose(np.remainder(found - expected + np.pi, 2 * np.pi), np.pi, rtol=0, atol=1e-9)
@@ -184,7 +185,7 @@ def test_best_form_and_scaling(name):
     """The default is the better form, and scaling the unknowns never makes the radius smaller."""
     mechanism = load(name)
     best = theorem2(mechanism, mechanism.q_reference)
-    assert best.radius == theorem2_radius(mechanism, mechanism.q_reference) > 0.0
+    assert best.radius == theorem2(mechanism, mechanism.q_reference).radius > 0.0
     radii = []
     for form in FORMS:
         weighted, unit = (
@@ -217,8 +218,8 @@ def test_radius_of_angles_does_not_depend_on_the_unit_of_length(name):
     point = large.parametrization().sigma(
         mechanism.parametrization().coordinates.alpha(mechanism.q_reference), mechanism.q_reference
     )
-    radius = theorem2_radius(mechanism, mechanism.q_reference)
-    assert theorem2_radius(large, point.q_free) == pytest.approx(radius, rel=1e-5)
+    radius = theorem2(mechanism, mechanism.q_reference).radius
+    assert theorem2(large, point.q_free).radius == pytest.approx(radius, rel=1e-5)
 
 
 def built(joints, closures, independent, reference, couplings=()):
@@ -310,8 +311,8 @@ def test_joints_off_the_loops_do_not_matter(rpdr):
         description, root="ground", links=(*links, Link("hand", body)), joints=joints, independent=None, actuated=None
     )
     mechanism = ccpin.load(whole, independent=["wrist", "joint1", "table", "joint2"])
-    radius = theorem2_radius(rpdr, rpdr.q_reference)
-    assert theorem2_radius(mechanism, mechanism.q_reference) == pytest.approx(radius, rel=1e-6)
+    radius = theorem2(rpdr, rpdr.q_reference).radius
+    assert theorem2(mechanism, mechanism.q_reference).radius == pytest.approx(radius, rel=1e-6)
 
 
 def test_geared_leg():
@@ -320,14 +321,14 @@ def test_geared_leg():
     if not path.exists():
         pytest.skip("the folder ../shared/models is absent")
     mechanism = ccpin.load(path)
-    assert theorem2_radius(mechanism, mechanism.q_reference) > 0.0
+    assert theorem2(mechanism, mechanism.q_reference).radius > 0.0
 
 
 @pytest.mark.parametrize("name", ["bennett", "sarrus"])
 def test_redundant_rows_are_refused(name):
     """A certificate of some of the rows is not one of all of them."""
     with pytest.raises(UnsupportedMechanismError, match="not be one of all"):
-        theorem2_radius(load(name), load(name).q_reference)
+        theorem2(load(name), load(name).q_reference)
 
 
 def test_singular_configuration(rpdr):
@@ -368,4 +369,4 @@ def test_bad_arguments(rpdr, change, options, message):
 def test_wrong_size(rpdr):
     """A configuration of another mechanism is refused with the size wanted."""
     with pytest.raises(InvalidInputError, match="4 finite numbers"):
-        theorem2_radius(rpdr, np.zeros(3))
+        theorem2(rpdr, np.zeros(3))

@@ -152,10 +152,10 @@ def test_delta_workspace_against_inverse_kinematics(delta, rng):
 def test_joint_limits_bound_the_workspace(delta):
     """With the arms held near where they are, points that need other angles are not certified, and it says why."""
     middle = np.array([0.0, 0.0, -1.0])
-    guess = delta.solve(middle)
-    start = guess.q
+    near = delta.solve(middle)
+    start = near.q
     narrow = {name: (q - 0.1, q + 0.1) for name, q in zip(delta_oracle.INDEPENDENT, start, strict=True)}
-    cube = domain.largest_cube(delta, middle, guess.q_free, limits=narrow, tolerance=0.4)
+    cube = domain.largest_cube(delta, middle, near.q_free, limits=narrow, tolerance=0.4)
     assert 0.0 < cube.half < 0.06
     assert cube.obstacle.kind == "limit"
     arms = [delta.solve(middle + cube.half * np.array(c)).q for c in np.ndindex(2, 2, 2)]

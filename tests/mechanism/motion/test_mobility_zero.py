@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin import LoopClosure, MechanismDescription
 from ccpin.control import PDFullGravity
-from ccpin.description import Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin.description import Inertia, Joint, Link
 from ccpin.description.model import frame
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.simulation import closure_forces_at
+from ccpin.simulation.results.forces import closure_forces_at
 from tests.oracles import descriptor
 
 Y = (0.0, 1.0, 0.0)

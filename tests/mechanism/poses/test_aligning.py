@@ -5,7 +5,8 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ccpin.description import CLOSURE_KINDS, Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin import LoopClosure, MechanismDescription
+from ccpin.description import CLOSURE_KINDS, Inertia, Joint, Link
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism.poses.loop_closing import aligning_rows, close, close_from_afar, position_rows

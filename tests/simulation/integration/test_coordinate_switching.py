@@ -7,7 +7,6 @@ from scipy.integrate import simpson, solve_ivp
 from scipy.optimize import brentq
 
 import ccpin
-from ccpin import native
 from ccpin.control import PDSimpleGravity
 from ccpin.control.sampling import Sampling
 from tests.oracles import descriptor
@@ -91,7 +90,7 @@ def test_the_motion_is_that_of_the_descriptor_form_at_one_second(name):
 @pytest.mark.parametrize("name", ["five-bar", "RSSR", "Stewart"])
 def test_both_backends_follow_alike(name):
     """The core's run, piece by piece, is that of NumPy: as many changes and the same samples to the tolerance."""
-    if native.backend().name != "native":
+    if ccpin.backend().name != "native":
         pytest.skip("the compiled core is not in use")
     model, ours = released(name, 0.5)
     v = case(name)[1]
@@ -154,7 +153,7 @@ def test_a_sample_where_the_coordinates_are_singular_has_its_velocity():
     k = 1 + int(np.argmin(speed[1:]))
 
     moving = ccpin.Simulator(model, None, **{name: TIGHT[name] for name in ("method", "rtol", "atol")})
-    moving.reset(run.q[0], run.v[0], guess=run.q_free[0])
+    moving.reset(run.q[0], run.v[0], near=run.q_free[0])
     moving.advance(run.t[k - 1])
     before = moving.memory()
 
@@ -229,7 +228,7 @@ def test_friction_goes_on_alike_in_any_coordinates():
         model = ccpin.ReducedModel(ccpin.load("rpdr", independent=independent, actuated=("joint1", "joint2")))
         v = model.reading(start, STRETCHING[1]).v
         at = model.alpha(start.q_free), v
-        runs.append(ccpin.simulate(model, None, *at, duration=0.3, guess=start.q_free, friction=levels, **TIGHT))
+        runs.append(ccpin.simulate(model, None, *at, duration=0.3, near=start.q_free, friction=levels, **TIGHT))
     assert [run.status for run in runs] == ["finished"] * 2
     assert runs[0].changes > 0
     np.testing.assert_allclose(runs[0].q_free, runs[1].q_free, rtol=0, atol=1e-7)
@@ -262,5 +261,5 @@ def test_trajectories_one_after_the_other_add_their_changes(tmp_path):
     _, run = released("RSSR", 1.0)
     run.save(tmp_path / "run.npz")
     assert run.then(run).changes == 2 * run.changes > 0
-    assert ccpin.simulation.load_npz(tmp_path / "run.npz").changes == run.changes
+    assert ccpin.Trajectory.load(tmp_path / "run.npz").changes == run.changes
     assert all(event.name.startswith("measured by ") for event in run.events)

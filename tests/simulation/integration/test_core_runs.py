@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin import native
 from ccpin.simulation import Budget, Event
 from ccpin.simulation.integration.run import Run
 from tests.support.agreement import reference_model
 from tests.support.passive import STRETCHING, TIGHT, assert_it_goes_on, case, released
 
-in_core = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
+in_core = pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is not in use")
 
 
 def simulator(name, **options):

@@ -5,10 +5,10 @@ import pytest
 from scipy.integrate import simpson
 
 import ccpin
+from ccpin import Simulator
 from ccpin.control import PDSimpleGravity
 from ccpin.control.sampling import Sampling
 from ccpin.errors import DifferentSubjectsError
-from ccpin.simulation import Simulator
 from tests.support.agreement import reference_model
 from tests.support.backends import same_on_both
 from tests.support.gimbal import TRIPLE, link_pose, stewart, stewart_on_balls

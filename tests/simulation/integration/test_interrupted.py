@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin import control
+from ccpin import Simulator, control
 from ccpin.cli import main, simulate
 from ccpin.errors import InvalidInputError
-from ccpin.simulation import Budget, Simulator
+from ccpin.simulation import Budget
 
 START, GOAL = np.radians((-118.0, -62.0)), np.radians((-108.0, -72.0))
 

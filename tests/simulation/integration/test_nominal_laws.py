@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin import control, native
+from ccpin import control
 from ccpin.control import Sampling
-from ccpin.control.laws import Delayed
+from ccpin.control.laws import Delayed, NoTorque
 from ccpin.description import scaled
 
 PAIRS = int(os.environ.get("CCPIN_PAIRS", "20"))
 START, GOAL = np.radians((-118.0, -62.0)), np.radians((-108.0, -72.0))
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
-SEEDS = (0, 1) if native.backend().name == "native" else (1,)  # the reference takes long
+SEEDS = (0, 1) if ccpin.backend().name == "native" else (1,)  # the reference takes long
 
 
 def pair(seed):
@@ -40,7 +40,7 @@ def reference(model):
 
 
 LAWS = {
-    "NoTorque": lambda model: control.NoTorque(model),
+    "NoTorque": lambda model: NoTorque(model),
     "PDSimpleGravity": lambda model: control.PDSimpleGravity(model, GOAL, 30.0, 3.0),
     "PDFullGravity": lambda model: control.PDFullGravity(model, GOAL, 30.0, 3.0),
     "CoulombCompensation": lambda model: control.CoulombCompensation(
@@ -123,9 +123,9 @@ def test_a_law_that_does_not_know_the_plant_rests_elsewhere():
 class Halved(control.PDFullGravity):
     """A law of a user's own that changes what another one says."""
 
-    def torque(self, t, q, v, guess=None):
+    def torque(self, t, q, v, near=None):
         """Half of it."""
-        return 0.5 * super().torque(t, q, v, guess)
+        return 0.5 * super().torque(t, q, v, near)
 
 
 @pytest.mark.parametrize("wrapped", [False, True])
@@ -147,15 +147,15 @@ def test_an_overridden_torque_is_what_acts(rpdr_model, wrapped, sampling):
 def test_an_overridden_torque_of_one_law_alone_is_what_acts(rpdr_model):
     """Bound to the instance rather than its class."""
     law = control.PDFullGravity(rpdr_model, GOAL, 30.0, 3.0)
-    law.torque = lambda t, q, v, guess=None: np.zeros(2)
+    law.torque = lambda t, q, v, near=None: np.zeros(2)
     assert not ccpin.simulate(rpdr_model, law, START, duration=0.01).u.any()
 
 
-@pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is what is asked")
+@pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is what is asked")
 def test_the_core_takes_a_law_of_another_model():
     """It was left to the reference, 44 times slower."""
     nominal, plant = pair(0)
     law = LAWS["ComputedTorque"](nominal)
-    run = ccpin.simulation.Simulator(plant, law)
+    run = ccpin.Simulator(plant, law)
     run.reset(START)
     assert run._run_in_core(np.linspace(0.0, 0.3, 31), None, None) is not None

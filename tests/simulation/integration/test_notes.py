@@ -10,11 +10,11 @@ from ccpin import control, native
 from ccpin.cli import main
 from ccpin.errors import SlowRunWarning
 from ccpin.native import core_of
-from ccpin.simulation import Event, load_npz
+from ccpin.simulation import Event
 from tests.support.places import MODELS
 
 START, GOAL = np.radians((-118.0, -62.0)), np.radians((-108.0, -72.0))
-built = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
+built = pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is not in use")
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_limits_passed_are_noted(limited, tmp_path):
     assert told == ["joint1 is beyond its limit of position, -1.95; `simulation.exceeded` tells more"]
     assert motion.q[:, 0].max() > -1.95
     motion.save(tmp_path / "a.npz")
-    assert load_npz(tmp_path / "a.npz").notes == motion.notes
+    assert ccpin.Trajectory.load(tmp_path / "a.npz").notes == motion.notes
     assert motion.then(motion).notes == motion.notes
     within = ccpin.simulate(limited, None, START, duration=1e-3)
     assert not [note for note in within.notes if "limit" in note]

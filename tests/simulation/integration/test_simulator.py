@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 import ccpin
 from ccpin.control import PDSimpleGravity, Sampling, TorqueFunction
-from ccpin.control.laws import Delayed
+from ccpin.control.laws import Delayed, NoTorque
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Budget, Event
 from tests.oracles import rpdr as oracle
@@ -151,7 +151,7 @@ def test_the_cores_steps_are_the_references(name):
     ends = []
     for model in (ccpin.ReducedModel(mechanism), reference_model(mechanism)):
         simulator = ccpin.Simulator(model, friction={})
-        simulator.reset(model.alpha(mechanism.q_reference), guess=mechanism.q_reference)
+        simulator.reset(model.alpha(mechanism.q_reference), near=mechanism.q_reference)
         for k in range(5):
             sample = simulator.step(0.1 * np.cos(k + np.arange(model.n_actuated)), 2e-3)
         ends.append(sample)
@@ -263,7 +263,7 @@ class Raises(ccpin.control.ControlLaw):
     def __init__(self, error):
         self.error = error
 
-    def torque(self, t, q, v, guess=None):
+    def torque(self, t, q, v, near=None):
         if t > 0.05:
             raise self.error
         return np.zeros(2)
@@ -362,7 +362,7 @@ def test_a_clock_of_its_own_loses_no_switch(seed):
 def test_a_switch_that_is_past_is_told(rpdr_model):
     """A law whose next switch is now would hold the motion up for ever."""
 
-    class Stuck(ccpin.control.NoTorque):
+    class Stuck(NoTorque):
         def next_switch(self, t):
             return t
 

@@ -5,8 +5,10 @@ import pinocchio as pin
 import pytest
 
 import ccpin
+from ccpin import Trajectory
+from ccpin.control.laws import NoTorque
 from ccpin.errors import CcpinError, InvalidInputError, UnreachableError
-from ccpin.simulation import Settling, Trajectory, load_npz, supervise
+from ccpin.simulation import Settling, supervise
 from tests.support.paper import GOAL, K_P, K_V, START
 
 HANGING = np.radians([-82.180, -97.823])
@@ -144,7 +146,7 @@ def test_driving_into_a_singularity_keeps_the_data(model):
     """A law that stretches the loop ends as singular, not as an exception; the samples stay closed."""
 
     class Stretching(ccpin.control.ControlLaw):
-        def torque(self, t, q, v, guess=None):
+        def torque(self, t, q, v, near=None):
             return np.array([-4.0, 4.0])
 
     motion = ccpin.simulate(model, Stretching(), np.radians([-90.0, -90.0]), duration=1.0)
@@ -185,7 +187,7 @@ def test_a_failing_controller_keeps_the_data(model):
     """A CcpinError inside the law ends the motion as failed with its message."""
 
     class Broken(ccpin.control.ControlLaw):
-        def torque(self, t, q, v, guess=None):
+        def torque(self, t, q, v, near=None):
             if t > 0.05:
                 raise CcpinError("the sensor fell off")
             return np.zeros(2)
@@ -200,7 +202,7 @@ def test_an_interrupted_motion_keeps_the_data(model):
     """Ctrl-C inside the run returns what was computed."""
 
     class Interrupted(ccpin.control.ControlLaw):
-        def torque(self, t, q, v, guess=None):
+        def torque(self, t, q, v, near=None):
             if t > 0.05:
                 raise KeyboardInterrupt
             return np.zeros(2)
@@ -262,7 +264,7 @@ def test_a_move_that_never_settles_ends_the_supervision(model):
     """The motion so far is returned and says why it ended."""
     motion = supervise(
         model,
-        lambda goal, near: ccpin.control.NoTorque(model),
+        lambda goal, near: NoTorque(model),
         START,
         [GOAL, START],
         wait=0.1,
@@ -278,7 +280,7 @@ def test_files_round_trip(motion, model, tmp_path):
     """npz and CSV hold the samples exactly, with a header that names every column."""
     motion.save(tmp_path / "m.npz")
     motion.save(tmp_path / "m.csv")
-    again = load_npz(tmp_path / "m.npz")
+    again = ccpin.Trajectory.load(tmp_path / "m.npz")
     assert np.array_equal(again.q_free, motion.q_free)
     assert again.status == motion.status
     table = np.genfromtxt(tmp_path / "m.csv", delimiter=",", names=True)
@@ -294,7 +296,7 @@ def test_a_file_that_cannot_be_written_leaves_nothing(motion, model, tmp_path):
     with pytest.raises(InvalidInputError, match="cannot write"):
         motion.save(blocked / "m.csv")
     with pytest.raises(InvalidInputError, match="cannot be read"):
-        load_npz(blocked)
+        ccpin.Trajectory.load(blocked)
 
 
 def test_a_trajectory_prints_as_one_line(rpdr_model):

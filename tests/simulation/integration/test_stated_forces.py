@@ -10,8 +10,9 @@ from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.dynamics import Wrench
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.points import body_motion
-from ccpin.simulation import closure_forces, closure_forces_at, joint_forces
+from ccpin.simulation import closure_forces, joint_forces
 from ccpin.simulation.plant.friction import joint_friction
+from ccpin.simulation.results.forces import closure_forces_at
 
 STATED = {"crank": {"damping": 0.002}, "rocker": {"stiffness": 0.8, "spring_reference": 0.5}}
 

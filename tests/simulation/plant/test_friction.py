@@ -8,8 +8,8 @@ import ccpin
 from ccpin.control import Sampling
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.coordinates import component_names
-from ccpin.simulation import friction_force
 from ccpin.simulation.plant.friction import joint_friction
+from ccpin.simulation.plant.stick_slip import friction_force
 from tests.oracles import rpdr as oracle
 
 POSE = np.radians([-95.0, -105.0])

@@ -152,8 +152,8 @@ def test_whatever_else_is_called_can_only_read(rpdr_model):
         return True
 
     class Own(control.ControlLaw):
-        def torque(self, t, q, v, guess=None):
-            spoil(q, v, guess)
+        def torque(self, t, q, v, near=None):
+            spoil(q, v, near)
             return honest(t, q, v)
 
     plain = ccpin.simulate(rpdr_model, honest, START, **OPTIONS)

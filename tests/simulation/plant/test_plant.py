@@ -5,10 +5,10 @@ import pytest
 from scipy.optimize import brentq
 
 import ccpin
-from ccpin import native
+from ccpin import Simulator
 from ccpin.control import PDSimpleGravity, Sampling
 from ccpin.errors import InvalidInputError
-from ccpin.simulation import Contact, Disturbance, Limits, MotorModel, Push, Simulator
+from ccpin.simulation import Contact, Disturbance, Limits, MotorModel, Push
 from ccpin.simulation.integration.run import Run
 from tests.support.agreement import reference_model
 from tests.support.carriage import carriage
@@ -178,7 +178,7 @@ def test_steps_beyond_the_limits_are_steps_at_them(backend, monkeypatch):
     model = carriage(effort=5.0)
     if backend == "numpy":
         model = reference_model(model.mechanism, model.gravity_vector)
-    elif native.backend().name == "native":
+    elif ccpin.backend().name == "native":
         monkeypatch.setattr(Run, "advance", lambda *arguments, **options: pytest.fail("the core gave up"))
     simulator = Simulator(model)
     simulator.reset([0.0])

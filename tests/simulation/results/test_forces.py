@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 import ccpin
 from ccpin.errors import DifferentSubjectsError
-from ccpin.simulation import closure_forces, closure_forces_at, joint_forces
+from ccpin.simulation import closure_forces, joint_forces
 from ccpin.simulation.events.samples import SAMPLED
+from ccpin.simulation.results.forces import closure_forces_at
 from tests.oracles import descriptor, rpdr
 from tests.support.paper import GOAL, K_P, K_V, START
 from tests.support.strategies import mechanisms
@@ -115,7 +116,7 @@ class State(NamedTuple):
     def still(self):
         """A motion of one sample."""
         simulator = ccpin.Simulator(self.model, lambda t, q, v: self.u, friction={})
-        simulator.reset(self.model.alpha(self.mechanism.q_reference), self.v, guess=self.mechanism.q_reference)
+        simulator.reset(self.model.alpha(self.mechanism.q_reference), self.v, near=self.mechanism.q_reference)
         motion = simulator.run(1e-9, sample_period=1e-9)
         samples = {name: getattr(motion, name)[:1] for name in SAMPLED}
         return motion._replace(**samples)

@@ -5,7 +5,7 @@ import pytest
 
 import ccpin
 from ccpin.errors import InvalidInputError
-from ccpin.simulation import Event, load_npz
+from ccpin.simulation import Event
 from ccpin.simulation.events.samples import SAMPLED
 from tests.support.paper import FRICTION, START
 
@@ -22,7 +22,7 @@ def motion(rpdr_model):
 def test_npz_holds_everything(motion, tmp_path):
     """All fields come back but the cause."""
     motion.save(tmp_path / "m.npz")
-    again = load_npz(tmp_path / "m.npz")
+    again = ccpin.Trajectory.load(tmp_path / "m.npz")
     for name, ours, theirs in zip(motion._fields, motion, again, strict=True):
         if isinstance(ours, np.ndarray):
             assert np.array_equal(ours, theirs), name

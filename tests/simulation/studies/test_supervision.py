@@ -159,10 +159,10 @@ def test_ctrl_c_stops_all_of_it(rpdr_model, error, status):
         def __init__(self, law):
             self.law = law
 
-        def torque(self, t, q, v, guess=None):
+        def torque(self, t, q, v, near=None):
             if t > 0.5:
                 raise error
-            return self.law.torque(t, q, v, guess)
+            return self.law.torque(t, q, v, near)
 
     motion = supervise(
         rpdr_model,

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin import sweep
 from ccpin.description import scaled
 from ccpin.errors import InvalidInputError
-from ccpin.simulation import grid, latin_hypercube, sobol, sweep
+from ccpin.simulation import grid, latin_hypercube, sobol
 from tests.support.places import ROOT
 from tests.support.sweep_tasks import deadly, drawn, parabola, slow
 

@@ -77,7 +77,7 @@ def test_determinant_bound(enclosure, motion):
 @pytest.mark.parametrize("wrong", ["gain", "mass", "branch"])
 def test_a_wrong_model_does_not_contain_the_motion(rpdr, rpdr_model, law, motion, wrong):
     """A gain, a mass wrong by one part in a million, or the other assembly mode: the motion is not enclosed."""
-    model, controller, guess = rpdr_model, law, None
+    model, controller, near = rpdr_model, law, None
     if wrong == "gain":
         controller = paper_law(model, [11.0 * (1 + 1e-6), 11.0])
     elif wrong == "mass":
@@ -89,8 +89,8 @@ def test_a_wrong_model_does_not_contain_the_motion(rpdr, rpdr_model, law, motion
         )
         model = ccpin.ReducedModel(ccpin.load(replace(rpdr.description, links=links)))
     else:
-        guess = oracle.sigma(START, -1.0)[FREE]
-    other = enclose(model, controller, START, None, 0.05, guess=guess)
+        near = oracle.sigma(START, -1.0)[FREE]
+    other = enclose(model, controller, START, None, 0.05, near=near)
     k = 50
     assert motion.t[k] == pytest.approx(0.05)
     assert not other.contains(min(motion.t[k], other.times[-1]), motion.q_free[k], motion.v[k], tolerance=1e-8)

@@ -104,7 +104,7 @@ def test_defect_bounds_the_defect(rpdr_model, law):
 
 
 def test_exact_start(rpdr_model):
-    """Krawczyk's box holds the closed form of σ, is as small as the precision, and is on the guess's branch."""
+    """Krawczyk's box holds the closed form of σ, is as small as the precision, and is on the branch of `near`."""
     loop = recorded_loop(rpdr_model, None)
     q = balls(START)
     for mode in (1.0, -1.0):

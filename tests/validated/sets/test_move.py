@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control import certify_law
+from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.errors import InvalidInputError
 from tests.oracles import rpdr as oracle
 from tests.support.loading import script
@@ -50,7 +50,7 @@ def test_moves_that_are_not_proven_say_why(rpdr_model, law):
     assert early.verdict == "undecided"
     assert "not proven to arrive" in early.reason
     other = oracle.sigma(GOAL, -1.0)[FREE]
-    wrong = certify_move(rpdr_model, law, GOAL, arrival=1e3, duration=0.002, guess=other)
+    wrong = certify_move(rpdr_model, law, GOAL, arrival=1e3, duration=0.002, near=other)
     assert wrong.verdict == "undecided"
     assert "branch" in wrong.reason
 

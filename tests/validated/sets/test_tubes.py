@@ -11,8 +11,9 @@ from tests.support.paper import GOAL, K_P, K_V, START
 
 flint = pytest.importorskip("flint")
 
-from ccpin.control import certify_law  # noqa: E402
-from ccpin.validated import Starts, certify_move, enclose_set  # noqa: E402
+from ccpin.control.stability.set_point.theorem3 import certify_law  # noqa: E402
+from ccpin.validated import certify_move, enclose_set  # noqa: E402
+from ccpin.validated.sets.subdivision import Starts  # noqa: E402
 from ccpin.validated.sets.tube_theorem import _fitting  # noqa: E402
 
 HALF_A_DEGREE = np.radians(0.5)

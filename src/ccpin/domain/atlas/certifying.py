@@ -38,7 +38,7 @@ def certify(
     mechanism: Mechanism | HasMechanism,
     q0: ArrayLike,
     region: Corners | None = None,
-    guess: Array | None = None,
+    near: Array | None = None,
     *,
     max_depth: int | None = None,
     exhaustive: bool = False,
@@ -62,7 +62,7 @@ def certify(
         q0: The seed, of shape (n,) (rad, m).
         region: (lower, upper), the bounds of the coordinates, each of shape (n,); default a full turn for a joint whose
             limits allow it, the limits otherwise. A full turn closes on itself.
-        guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
+        near: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         max_depth: How often an edge of the region may be halved (0: the square only); default 14, 12, 6 for n = 1,
             2, 3, and 3 beyond.
         exhaustive: Prove cells empty of which the triangle inequality says nothing, by Theorem E of `atlas.platform`
@@ -101,7 +101,7 @@ def certify(
             "that is given, some times kantorovich_radius wide (its cells double with every halving of every edge). "
             "certify_path is for moves"
         )
-    seed = seed_at_coordinates(mechanism, q0, guess)
+    seed = seed_at_coordinates(mechanism, q0, near)
     usual = _DEPTHS.get(mechanism.n, _MANY_DEPTH)
     effort = effort_of(usual, max_depth, fraction, budget, seconds, mechanism.n)
     effort = effort._replace(exhaustive=exhaustive)

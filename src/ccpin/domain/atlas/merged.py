@@ -108,5 +108,5 @@ def _refuse_strangers(owner: Indices, reached: Mask) -> None:
         if k:
             raise InvalidInputError(
                 f"part {k + 1} is not proved to be on the branch of part 1: none of the faces that its boxes "
-                "share with others carries the same σ. Certify it from a closed configuration on that branch (guess=)"
+                "share with others carries the same σ. Certify it from a closed configuration on that branch (near=)"
             )

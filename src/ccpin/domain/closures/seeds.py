@@ -51,7 +51,7 @@ def seed_at_configuration(mechanism: Mechanism | HasMechanism, q_free: Array) ->
     mechanism = mechanism_of(mechanism)
     q_free = checked_configuration(mechanism, q_free)
     parametrization = mechanism.parametrization()
-    closed = parametrization.sigma(parametrization.coordinates.alpha(q_free), guess=q_free).q_free
+    closed = parametrization.sigma(parametrization.coordinates.alpha(q_free), near=q_free).q_free
     reading = reading_of(mechanism, closed)
     return Seed(reading, reading.theta(closed))
 
@@ -65,8 +65,8 @@ def scalar_coordinates_at(mechanism: Mechanism | HasMechanism, q_free: Array) ->
     return seed_at_configuration(mechanism, q_free).q
 
 
-def seed_at_coordinates(mechanism: Mechanism, q0: ArrayLike, guess: ArrayLike | None = None) -> Seed:
-    """σ(q₀) on the branch of `guess` (default the reference), q₀ (n,) in scalar coordinates.
+def seed_at_coordinates(mechanism: Mechanism, q0: ArrayLike, near: ArrayLike | None = None) -> Seed:
+    """σ(q₀) on the branch of `near` (default the reference), q₀ (n,) in scalar coordinates.
 
     A continuous joint's coordinate is its angle here, a planar joint's are x, y and the angle.
 
@@ -77,7 +77,7 @@ def seed_at_coordinates(mechanism: Mechanism, q0: ArrayLike, guess: ArrayLike | 
     """
     if not mechanism.n:
         raise UnsupportedMechanismError(f"{mechanism.name} has mobility 0: there are no coordinates to certify")
-    start = mechanism.q_reference if guess is None else checked_configuration(mechanism, guess)
+    start = mechanism.q_reference if near is None else checked_configuration(mechanism, near)
     reading = reading_of(mechanism, start)
     q0 = numbers(q0, "q")
     if q0.shape != (reading.system.n,) or not np.all(np.isfinite(q0)):
@@ -89,7 +89,7 @@ def seed_at_coordinates(mechanism: Mechanism, q0: ArrayLike, guess: ArrayLike | 
     theta[reading.system.independent] = q0
     parametrization = mechanism.parametrization()
     q = parametrization.coordinates.alpha(reading.configuration(theta))
-    closed = parametrization.sigma(q, guess=start).q_free
+    closed = parametrization.sigma(q, near=start).q_free
     reading = reading_of(mechanism, closed)
     theta = reading.theta(closed)
     theta[reading.system.independent] = q0

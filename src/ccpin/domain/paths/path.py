@@ -121,7 +121,7 @@ def certify_path(
     mechanism: Mechanism | HasMechanism,
     path: ArrayLike | PPoly | BSpline,
     tube: ArrayLike = 1e-3,
-    guess: Array | None = None,
+    near: Array | None = None,
     *,
     bounds: BoundsName = "auto",
 ) -> CertifiedPath:
@@ -133,7 +133,7 @@ def certify_path(
             values of shape (n,), of degree 50 at most; rad and m. A BSpline is read as its Taylor polynomials
             (`CertifiedPath.pieces`), which are then the path.
         tube: Half width of the tube in each coordinate: a number or shape (n,).
-        guess: A closed configuration on the branch wanted near the path's start, of shape (nq,); default the
+        near: A closed configuration on the branch wanted near the path's start, of shape (nq,); default the
             reference.
         bounds: ``"auto"``, ``"reach"`` or ``"planar"``.
 
@@ -153,7 +153,7 @@ def certify_path(
         widths = np.array([np.nan])
     if not (np.all(np.isfinite(widths)) and np.all(widths >= 0.0)):
         raise InvalidInputError(f"tube must be a nonnegative number or {mechanism.n} of them; it is {tube!r}")
-    seed = seed_at_coordinates(mechanism, pieces(pieces.x[0]), guess)
+    seed = seed_at_coordinates(mechanism, pieces(pieces.x[0]), near)
     reading = seed.reading.bounded(bounds)
     walker = Walker(reading.problem, pieces, widths, seed.theta)
     stopped = walker.walk()

@@ -192,14 +192,14 @@ def _all_curves(
 
 
 def singularity_distance(
-    mechanism: Mechanism | HasMechanism, path: ArrayLike, guess: Near = None
+    mechanism: Mechanism | HasMechanism, path: ArrayLike, near: Near = None
 ) -> SingularityDistance:
     """The smallest singular value of the scaled φ_y along a path in q, any n; zero means singular.
 
     Args:
         mechanism: The mechanism, or its model.
         path: Points of shape (k, size of q), followed in order on one branch.
-        guess: Chooses the branch at the first point.
+        near: Chooses the branch at the first point.
 
     Raises:
         UnreachableError, SingularConfigurationError: The path cannot be followed.
@@ -210,7 +210,6 @@ def singularity_distance(
         raise InvalidInputError(f"path has shape {np.shape(path)}; it must be (k, {model.nq})")
     reach = characteristic_length(model.mechanism)
     configurations, measures = [], []
-    near: Near = guess
     for q in points:
         near = model.at(q, near)
         configurations.append(near.q_free)

@@ -129,14 +129,6 @@ class CentreBounds(NamedTuple):
         return (room - self.residual) / self.gain / _INFLATE
 
 
-def theorem2_radius(mechanism: Mechanism | HasMechanism, q_free: Array) -> float:
-    """The radius ϱ of Theorem 2 in joint coordinates (rad, m, maximum norm) about a closed q′.
-
-    The better of the quadratic forms offered, 0.0 where nothing is proved; see `theorem2`, also for what is raised.
-    """
-    return theorem2(mechanism, q_free).radius
-
-
 def theorem2(
     mechanism: Mechanism | HasMechanism,
     q_free: Array,

@@ -139,7 +139,7 @@ def _sides(region: Region) -> list[Mask]:
 def largest_cube(
     end_effector: EndEffector | JointSpace,
     centre: ArrayLike | None = None,
-    guess: ArrayLike | None = None,
+    near: ArrayLike | None = None,
     *,
     proportions: ArrayLike = 1.0,
     tilt: ArrayLike = 0.0,
@@ -157,9 +157,9 @@ def largest_cube(
     Args:
         end_effector: The point of a link that is to get everywhere in it.
         centre: Its position in the middle (metres, in the world; two coordinates in a plane), or all task coordinates
-            (`closures.task_coordinates`); default the roomiest place of a map about where `guess` has it (a
+            (`closures.task_coordinates`); default the roomiest place of a map about where `near` has it (a
             search first that takes some times as long, and finds it to a thirty-second of the map).
-        guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
+        near: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         proportions: What the edges (or the ball's axes) are to one another, one number or one for each: the half
             width found, times these.
         tilt: How far each turn is to reach to both sides of the centre's, one number or (turns,), radians; 0: held.
@@ -181,14 +181,14 @@ def largest_cube(
         UnsupportedMechanismError, InvalidInputError, UnreachableError, SingularConfigurationError: As for
             `certify_workspace`; the centre must be reached.
     """
-    start = task_problem(end_effector, guess, limits, dexterity, length, bounds)
+    start = task_problem(end_effector, near, limits, dexterity, length, bounds)
     return _largest(start, _Asked(centre, proportions, tilt, within, tolerance, seconds, False), end_effector, work)
 
 
 def largest_ball(
     end_effector: EndEffector | JointSpace,
     centre: ArrayLike | None = None,
-    guess: ArrayLike | None = None,
+    near: ArrayLike | None = None,
     *,
     proportions: ArrayLike = 1.0,
     tilt: ArrayLike = 0.0,
@@ -202,7 +202,7 @@ def largest_ball(
     work: Work | None = None,
 ) -> LargestWorkspace:
     """The largest certified ball (disc, in a plane) of positions; see `largest_cube`, of which `within` is a radius."""
-    start = task_problem(end_effector, guess, limits, dexterity, length, bounds)
+    start = task_problem(end_effector, near, limits, dexterity, length, bounds)
     return _largest(start, _Asked(centre, proportions, tilt, within, tolerance, seconds, True), end_effector, work)
 
 

@@ -16,11 +16,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ccpin.arrays import Array, instance, listener, number, numbers, whole
-from ccpin.description import MechanismDescription, read_description, scaled
+from ccpin.description import read_description, scaled
+from ccpin.description.model import MechanismDescription
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.workspaces.largest import LargestWorkspace
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.mechanism import load
+from ccpin.mechanism.loading.loader import load
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.work import Flag, Stopped, stoppable
 

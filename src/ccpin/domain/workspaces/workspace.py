@@ -46,7 +46,7 @@ _PARTS = (1, 8, 64)  # pieces of a way: a box proved to follow σ may be too lon
 def certify_workspace(
     end_effector: EndEffector | JointSpace,
     region: Corners,
-    guess: ArrayLike | None = None,
+    near: ArrayLike | None = None,
     *,
     limits: Limits = True,
     dexterity: float = 0.0,
@@ -66,9 +66,9 @@ def certify_workspace(
     Args:
         end_effector: The point of a link that is to get there, or joints in its place (`JointSpace`).
         region: (lower, upper) in the coordinates of `closures.task_coordinates`: positions in the world, metres,
-            then turns from how the end effector is turned in `guess`, radians. Where the two are equal a coordinate is
+            then turns from how the end effector is turned in `near`, radians. Where the two are equal a coordinate is
             held (a slice); turns left out are held at 0.
-        guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
+        near: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         limits: Whether joints must keep the limits their file states; or limits (lower, upper) by joint that replace
             or narrow these.
         dexterity: The least 1/κ(J), J = ∂x/∂q the end effector's Jacobian by the independent coordinates.
@@ -90,10 +90,10 @@ def certify_workspace(
     Raises:
         UnsupportedMechanismError: The mechanism has no task space, or closures that cannot be certified.
         InvalidInputError: An argument is malformed.
-        UnreachableError: No certified way leads from `guess` into the region.
-        SingularConfigurationError: `guess` is singular.
+        UnreachableError: No certified way leads from `near` into the region.
+        SingularConfigurationError: `near` is singular.
     """
-    start = task_problem(end_effector, guess, limits, dexterity, length, bounds)
+    start = task_problem(end_effector, near, limits, dexterity, length, bounds)
     area = _region(start, region)
     theta = start.moved_to(_first(start.x, area))
     free = int(np.count_nonzero(~area.held))
@@ -149,8 +149,8 @@ class TaskProblem:
         where = "it ends at" if not whole else "a limit or a singularity of the motors may lie before"
         place = walker.theta[self.reading.system.independent]
         raise UnreachableError(
-            f"no certified way leads straight from x = {self.x.tolist()}, where the guess has the end effector, to "
-            f"{x.tolist()}: {where} {place.tolist()}; give a guess nearer to the region",
+            f"no certified way leads straight from x = {self.x.tolist()}, where `near` has the end effector, to "
+            f"{x.tolist()}: {where} {place.tolist()}; give near= closer to the region",
             q=x,
             q_reached=place,
             fraction=walker.here,
@@ -160,7 +160,7 @@ class TaskProblem:
 
 def task_problem(
     end_effector: EndEffector | JointSpace,
-    guess: ArrayLike | None,
+    near: ArrayLike | None,
     limits: Limits,
     dexterity: float,
     length: float | None,
@@ -170,9 +170,9 @@ def task_problem(
     if not isinstance(end_effector, EndEffector | JointSpace):
         raise InvalidInputError(f"end_effector must be an EndEffector or a JointSpace; it is {end_effector!r:.80}")
     mechanism = mechanism_of(end_effector.model)
-    q_free = mechanism.q_reference if guess is None else checked_configuration(mechanism, guess)
+    q_free = mechanism.q_reference if near is None else checked_configuration(mechanism, near)
     parametrization = mechanism.parametrization()
-    q_free = parametrization.sigma(parametrization.coordinates.alpha(q_free), guess=q_free).q_free
+    q_free = parametrization.sigma(parametrization.coordinates.alpha(q_free), near=q_free).q_free
     names, slides, reading, theta = _closures(end_effector, mechanism, q_free)
     least = number(dexterity, "dexterity", "a number from 0 to below 1", -1e-300)
     if not least < 1.0:

@@ -201,7 +201,7 @@ class Simulator:
     # Moving on.
 
     def reset(
-        self, q: ArrayLike | State, v: ArrayLike | None = None, *, t: float = 0.0, guess: Near = None
+        self, q: ArrayLike | State, v: ArrayLike | None = None, *, t: float = 0.0, near: Near = None
     ) -> StateSample:
         """Begin a motion.
 
@@ -209,13 +209,13 @@ class Simulator:
             q: Where, of shape (model.nq,), or a State.
             v: Velocity, of shape (n,); default at rest.
             t: The time, s.
-            guess: Chooses the assembly mode of σ(q); default the mechanism's reference.
+            near: Chooses the assembly mode of σ(q); default the mechanism's reference.
 
         Raises:
             InvalidInputError: A bad argument.
             UnreachableError, SingularConfigurationError: σ(q) does not exist.
         """
-        state = self.model.at(q, guess)
+        state = self.model.at(q, near)
         v_start = np.zeros(self.model.n) if v is None else vector(v, "v", self.model.n)
         switching = self._switching()
         switching.begin(state)

@@ -24,7 +24,7 @@ def simulate(
     v0: ArrayLike | None = None,
     *,
     duration: float,
-    guess: Near = None,
+    near: Near = None,
     sample_period: float = 1e-3,
     settling: Settling | None = None,
     budget: Budget | None = None,
@@ -40,7 +40,7 @@ def simulate(
         q0: Start, of shape (model.nq,).
         v0: Velocity at the start, of shape (n,); default at rest.
         duration: Longest time in seconds.
-        guess: Chooses the assembly mode of σ(q0); default the mechanism's reference.
+        near: Chooses the assembly mode of σ(q0); default the mechanism's reference.
         sample_period: Time between samples in seconds (dense output of the integrator; q′ by σ at each).
         settling: Stop once settled.
         budget: Stop once so many evaluations or seconds are spent.
@@ -60,6 +60,6 @@ def simulate(
         Exception: What a law raised before the first sample. Nothing is raised once the motion has begun.
     """
     simulator = Simulator(model, controller, **options)
-    simulator.reset(q0, v0, guess=guess)
+    simulator.reset(q0, v0, near=near)
     until = positive(duration, "duration")
     return simulator.run(until, sample_period=sample_period, settling=settling, budget=budget)

@@ -44,7 +44,7 @@ class HeldEffort(ControlLaw):
     def __init__(self, effort: Array) -> None:
         self.effort = effort
 
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
         """The effort."""
         return self.effort
 
@@ -75,9 +75,9 @@ class CheckedLaw(ControlLaw):
         self._law, self._model, self._reported = law, model, reported
         self._motors, self._size = model.mechanism.actuated, model.n_actuated
 
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
         """The law's, if it is of the motors' number."""
-        return self._sized(self._law.torque(t, frozen(q), frozen(v), guess))
+        return self._sized(self._law.torque(t, frozen(q), frozen(v), near))
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The same at a State."""

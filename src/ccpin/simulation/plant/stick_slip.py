@@ -66,7 +66,7 @@ def friction_force(
     q: ArrayLike | State,
     v: ArrayLike,
     u: ArrayLike,
-    guess: Near = None,
+    near: Near = None,
     wrenches: Wrenches | None = None,
 ) -> FrictionForce:
     """Friction at a state under motor efforts u; at rest it balances as much of the load as its level allows.
@@ -77,14 +77,14 @@ def friction_force(
         q: Independent coordinates, of shape (model.nq,), or a State.
         v: Their velocities, of shape (n,).
         u: Efforts of the actuated joints, of shape (motors,).
-        guess: Chooses the assembly mode of σ(q).
+        near: Chooses the assembly mode of σ(q).
         wrenches: On links, as for `State.forward_dynamics`.
 
     Raises:
         InvalidInputError: A bad argument.
         UnreachableError, SingularConfigurationError: σ(q) does not exist.
     """
-    state = model_of(model).at(q, guess)
+    state = model_of(model).at(q, near)
     contact = StickSlip(state.model, joint_friction(state.model.mechanism, friction))
     drive = ActingLoads(vector(u, "u", state.model.n_actuated), wrenches)
     joint = contact.forces(state, contact.begin(state, vector(v, "v", state.model.n), drive), drive)

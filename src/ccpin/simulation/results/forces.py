@@ -119,7 +119,7 @@ def closure_forces_at(
     q: ArrayLike | State,
     v: ArrayLike,
     u: ArrayLike,
-    guess: Near = None,
+    near: Near = None,
     wrenches: Wrenches | None = None,
     loads: ArrayLike | None = None,
 ) -> tuple[BearingForce, ...]:
@@ -128,7 +128,7 @@ def closure_forces_at(
     `loads` is what else acts on the free system's joints, friction say, of shape (n′,).
     """
     bearings = _Bearings(model_of(model))
-    sample = bearings.of_closures(bearings.model.at(q, guess), _LoadCase(v, u, wrenches, loads))
+    sample = bearings.of_closures(bearings.model.at(q, near), _LoadCase(v, u, wrenches, loads))
     return _histories(bearings.closures, np.zeros(1), [sample])
 
 

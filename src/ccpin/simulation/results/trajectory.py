@@ -155,7 +155,7 @@ class Trajectory(NamedTuple):
     def save(self, path: str | Path) -> None:
         """Write the motion to a file, whole or not at all; the suffix decides.
 
-        ``.npz``: everything, read again by `load_npz`. ``.csv`` and ``.parquet``: a table with named columns, as
+        ``.npz``: everything, read again by `Trajectory.load`. ``.csv`` and ``.parquet``: a table with named columns, as
         `to_pandas` makes it (Parquet needs the extra ``tables``).
 
         Raises:
@@ -164,6 +164,17 @@ class Trajectory(NamedTuple):
         if not isinstance(path, str | Path):
             raise InvalidInputError(f"a file to write must be a path, not {type(path).__name__}")
         saving.save(self._asdict(), Path(path))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Trajectory:
+        """Read a motion that `save` wrote to an .npz file.
+
+        Raises:
+            InvalidInputError: The file is none, damaged, or of an older format; the file and the field are named.
+        """
+        header, arrays = saving.TRAJECTORY.read(path)
+        with told_of(path):
+            return cls(**saving.unpacked(header, arrays))
 
 
 def joined(parts: list[Trajectory]) -> Trajectory:
@@ -187,14 +198,3 @@ def joined(parts: list[Trajectory]) -> Trajectory:
         evaluations=sum(part.evaluations for part in parts),
         wall_time=sum(part.wall_time for part in parts),
     )
-
-
-def load_npz(path: str | Path) -> Trajectory:
-    """Read a trajectory that `Trajectory.save` wrote to an .npz file.
-
-    Raises:
-        InvalidInputError: The file is none, damaged, or of an older format; the file and the field are named.
-    """
-    header, arrays = saving.TRAJECTORY.read(path)
-    with told_of(path):
-        return Trajectory(**saving.unpacked(header, arrays))

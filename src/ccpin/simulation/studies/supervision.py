@@ -59,7 +59,7 @@ def supervise(
     wait: float,
     settling: Settling | None = None,
     timeout: float = 10.0,
-    guess: Near = None,
+    near: Near = None,
     sample_period: float = 1e-3,
     budget: Budget | None = None,
     journal: str | Path | None = None,
@@ -79,7 +79,7 @@ def supervise(
         wait: Seconds to wait once settled (the settled band's hold time counts as waiting).
         settling: Band, speed and hold; its goal is replaced by each move's. Default `Settling`'s.
         timeout: Longest time of a move without the wait, s.
-        guess: Chooses the assembly mode of σ(q0).
+        near: Chooses the assembly mode of σ(q0).
         sample_period: Time between samples, s.
         budget: What the whole may cost.
         journal: A file to write each whole move to once it is over, so that memory does not grow; where the file is
@@ -108,7 +108,7 @@ def supervise(
     rule = Settling(goal=visited[0]) if settling is None else instance(settling, "settling", Settling)
     timeout, allowance = positive(timeout, "timeout"), Allowance.of(budget or Budget(), 0)
     supervisor = _Supervisor(Simulator(model, **options), law_to, rule, wait, timeout, sample_period, allowance)
-    supervisor.simulator.reset(q0, guess=guess)
+    supervisor.simulator.reset(q0, near=near)
     if journal is None:
         return supervisor.visit(visited, [])
     task = {"format": "ccpin-moves-3", **origin_of(law_to, name, "law_to"), **model.digests._asdict()}

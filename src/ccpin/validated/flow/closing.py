@@ -35,7 +35,7 @@ def closed_start(loop: ClosedLoop, q: Sequence[Ball], x: Array) -> list[Ball]:
         if proven is not None and far < radius:
             return _assemble(loop, q, _sharpened(loop, q, y, proven))
     raise ConvergenceError(
-        "no closed configuration is proven to exist near the computed start; pass a q and a guess on a closed, "
+        "no closed configuration is proven to exist near the computed start; pass a q and near= on a closed, "
         "nonsingular configuration, or raise the precision"
     )
 

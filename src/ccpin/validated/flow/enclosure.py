@@ -163,7 +163,7 @@ def enclose(
     v0: ArrayLike | None,
     duration: float,
     *,
-    guess: ArrayLike | None = None,
+    near: ArrayLike | None = None,
     precision: int = 128,
     order: int = 30,
     tolerance: float = 1e-18,
@@ -179,7 +179,7 @@ def enclose(
         q0: Start, of shape (model.nq,): the exact doubles.
         v0: Velocity at the start, of shape (n,), exact; default at rest.
         duration: Time in seconds (rounded up to a multiple of 2⁻⁴⁰ s).
-        guess: Chooses the branch of σ(q0); default the mechanism's reference.
+        near: Chooses the branch of σ(q0); default the mechanism's reference.
         precision: Working precision in bits.
         order: Order N of the Taylor steps.
         tolerance: Remainder allowed to one step, in rad, m and per second; keep it well above 2^−precision.
@@ -195,7 +195,7 @@ def enclose(
     """
     model = model_of(model)
     options = StepOptions(order, tolerance, pieces, shortest_step, longest_step)
-    task = task_of(model, law, q0, guess, duration, options, precision)
+    task = task_of(model, law, q0, near, duration, options, precision)
     with flint().ctx.workprec(precision):
         loop, start = task.loop, task.start(q0, v0)
         steps, reason = [], ""

@@ -25,7 +25,7 @@ class MotionTask(NamedTuple):
     Attributes:
         model: The reduced model.
         loop: It and its law, recorded.
-        guess: Chooses the branch of σ at a start.
+        near: Chooses the branch of σ at a start.
         duration: Seconds.
         options: How to step.
         precision: In bits.
@@ -33,7 +33,7 @@ class MotionTask(NamedTuple):
 
     model: ReducedModel
     loop: ClosedLoop
-    guess: ArrayLike | None
+    near: ArrayLike | None
     duration: float
     options: StepOptions
     precision: int
@@ -42,9 +42,9 @@ class MotionTask(NamedTuple):
         """The exact closed start (x, q̇) of doubles as balls."""
         return self.closed(q0, exact_q(self.model, self.loop, numbers(q0, "q0")), velocity(self.model, v0))
 
-    def closed(self, near: ArrayLike, q: Sequence[Ball], v: Array) -> list[Ball]:
-        """(x, q̇) of exact numbers q at `loop.independent` and v, on the branch of σ at the doubles `near`, about q."""
-        x = closed_start(self.loop, q, self.loop.numbers(self.model.at(near, self.guess).q_free))
+    def closed(self, about: ArrayLike, q: Sequence[Ball], v: Array) -> list[Ball]:
+        """(x, q̇) of exact numbers q at `loop.independent` and v, on the branch of σ at the doubles `about`, about q."""
+        x = closed_start(self.loop, q, self.loop.numbers(self.model.at(about, self.near).q_free))
         return [*x, *(ball(y) for y in v.tolist())]
 
 
@@ -52,7 +52,7 @@ def task_of(
     model: ReducedModel,
     law: ControlLaw | None,
     q0: ArrayLike,
-    guess: ArrayLike | None,
+    near: ArrayLike | None,
     duration: float,
     options: StepOptions,
     precision: int,
@@ -67,8 +67,8 @@ def task_of(
     """
     _check_options(duration, precision, options)
     with flint().ctx.workprec(precision):
-        loop = recorded_loop(model, law, model.at(q0, guess).q_free, held=held)
-    return MotionTask(model, loop, guess, duration, options, precision)
+        loop = recorded_loop(model, law, model.at(q0, near).q_free, held=held)
+    return MotionTask(model, loop, near, duration, options, precision)
 
 
 def _check_options(duration: float, precision: int, options: StepOptions) -> None:

@@ -211,13 +211,13 @@ def march(
         except NotInvertibleError:
             yield Stuck(_SINGULAR + " at the state reached")
             return
-        guess = _affordable(series[: field.program.inputs], options)
+        affordable = _affordable(series[: field.program.inputs], options)
         here = options._replace(shortest=min(options.shortest, end - time), longest=min(options.longest, end - time))
-        step = _longest(field, start, series, boldness * guess, here)
+        step = _longest(field, start, series, boldness * affordable, here)
         if isinstance(step, str):
             yield Stuck(step)
             return
-        ratio = step.length / guess
+        ratio = step.length / affordable
         boldness = min(1.0, 1.3 * ratio, 0.95 * ratio * _correction(step.remainder, options))
         time += step.length
         start = step.end

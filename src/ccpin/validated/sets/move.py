@@ -101,7 +101,7 @@ def certify_move(
     *,
     arrival: Certificate | float,
     duration: float = 1.0,
-    guess: ArrayLike | None = None,
+    near: ArrayLike | None = None,
     spread: ArrayLike | tuple[ArrayLike, ArrayLike] = 0.0,
     parts: int = 16,
     cells: int = 8,
@@ -119,7 +119,7 @@ def certify_move(
         v0: Velocity at the start; default at rest.
         arrival: The level c: a set-point certificate of this law, or a number of joules known to be a certified level.
         duration: How long to wait for the motion to arrive, in seconds.
-        guess: Chooses the branch of the start.
+        near: Chooses the branch of the start.
         spread: How far starts may be from q0 and v0, as for `ccpin.validated.enclose_set`.
         parts: As there.
         cells: As there.
@@ -140,7 +140,7 @@ def certify_move(
     require_same("a certified move", law.digests, model.digests, "closures", "dynamics")
     sampled = not rigorous and not isinstance(arrival, int | float)
     cut = checked_cut(parts, cells, np.inf)
-    task = task_of(model, law, q0, guess, duration, StepOptions(order, tolerance, pieces), precision)
+    task = task_of(model, law, q0, near, duration, StepOptions(order, tolerance, pieces), precision)
     with flint().ctx.workprec(precision):
         goal, starts = goal_of(task.loop, law, level), starts_of(task, q0, v0, spread)
         if starts.spread.any():

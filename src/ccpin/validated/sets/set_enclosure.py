@@ -58,7 +58,7 @@ def enclose_set(
     duration: float,
     *,
     spread: ArrayLike | tuple[ArrayLike, ArrayLike],
-    guess: ArrayLike | None = None,
+    near: ArrayLike | None = None,
     parts: int = 16,
     cells: int = 8,
     longest_slice: float = np.inf,
@@ -78,7 +78,7 @@ def enclose_set(
         duration: Time in seconds.
         spread: How far starts are from the centre: one number for all of q and q̇, or a pair, of q (rad, m) and of q̇
             (per second), each one number or n of them.
-        guess: Chooses the branch of σ(q0).
+        near: Chooses the branch of σ(q0).
         parts: Into how many boxes, each with a tube of its own, the starts may be cut.
         cells: Into how many intervals each coordinate of q is cut across a tube. More are slower, as cellsⁿ, and let it
             grow less.
@@ -98,7 +98,7 @@ def enclose_set(
     """
     model = model_of(model)
     cut, options = checked_cut(parts, cells, longest_slice), StepOptions(order, tolerance, pieces)
-    task = task_of(model, law, q0, guess, duration, options, precision, held=period is not None)
+    task = task_of(model, law, q0, near, duration, options, precision, held=period is not None)
     with flint().ctx.workprec(precision):
         starts = starts_of(task, q0, v0, spread)
         if not starts.spread.any():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control import Budget, PDSimpleGravity
+from ccpin.control import PDSimpleGravity
 from ccpin.control.stability.set_point.certified_cells import CellStore
-from ccpin.control.stability.set_point.flood import Flood, connected
+from ccpin.control.stability.set_point.flood import Flood, FloodLimits, connected
 from ccpin.control.stability.set_point.starting_cells import cells_around
 from tests.support.paper import GOAL, K_P, K_V
 
@@ -29,9 +29,9 @@ def torn(monkeypatch):
 def flooded(torn):
     """The store, and what a flood found in it."""
     law = PDSimpleGravity(ccpin.ReducedModel(ccpin.load("rpdr")), GOAL, 4.0 * np.asarray(K_P), K_V)
-    budget = Budget(12, 300)
-    store = cells_around(law, 44.0, budget)
-    return store, Flood(store, lambda well: True, budget, lambda flooded: True).run(GOAL)
+    limits = FloodLimits(12, 300)
+    store = cells_around(law, 44.0, limits)
+    return store, Flood(store, lambda well: True, limits, lambda flooded: True).run(GOAL)
 
 
 def test_a_face_where_members_disagree_stays_boundary_when_one_is_halved(torn, flooded):

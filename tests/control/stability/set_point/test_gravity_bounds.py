@@ -14,7 +14,7 @@ from ccpin.control.stability.set_point.potential import (
     potential_values,
 )
 from ccpin.covering.proposals.krawczyk import certify_boxes
-from ccpin.description import Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin.description import Inertia, Joint, Link
 from ccpin.domain.closures.seeds import seed_at_coordinates
 from ccpin.domain.closures.system import Reading
 from tests.oracles import rpdr as oracle
@@ -60,11 +60,11 @@ class Subject(NamedTuple):
         return self.reading.configuration(self.theta)
 
 
-def _subject(name, q=None, guess=None):
+def _subject(name, q=None, near=None):
     sprung = name.startswith("sprung_")
     mechanism = ccpin.load(name.removeprefix("sprung_"), joints=SPRINGS if sprung else None)
     model = ccpin.ReducedModel(mechanism)
-    start = mechanism.q_reference if guess is None else guess
+    start = mechanism.q_reference if near is None else near
     seed = seed_at_coordinates(mechanism, model.alpha(start) if q is None else q, start)
     return Subject(mechanism, model, seed.reading, potential_of(mechanism, seed.reading), seed.theta)
 
@@ -85,12 +85,12 @@ def _points(rng, half, count, n):
 def _worst(subject, bounds: GravityBounds, offsets):
     """The largest |error|/bound of V and of the entries of ∂g/∂q."""
     ratios = []
-    guess = subject.configuration()
+    near = subject.configuration()
     for delta in offsets:
         q = subject.q + delta
-        value = subject.model.energy(q, np.zeros(len(q)), guess).potential
+        value = subject.model.energy(q, np.zeros(len(q)), near).potential
         model = bounds.value[0] + bounds.gradient[0] @ delta + 0.5 * delta @ bounds.hessian[0] @ delta
-        slope = np.abs(subject.model.gravity_derivative(q, guess) - bounds.hessian[0])
+        slope = np.abs(subject.model.gravity_derivative(q, near) - bounds.hessian[0])
         ratios.append((abs(value - model) / bounds.remainder[0], np.max(slope / bounds.variation[0])))
     return np.max(ratios, axis=0)
 
@@ -113,13 +113,13 @@ def test_potential_is_pinocchios(subjects, name):
 def test_centre_is_exact(subjects, name):
     """At the centre the expansion's value, slope and curvature are V, g and ∂g/∂q."""
     subject = subjects[name]
-    bounds, model, guess = subject.bounds(0.1 * SIZES[name]), subject.model, subject.configuration()
+    bounds, model, near = subject.bounds(0.1 * SIZES[name]), subject.model, subject.configuration()
     scale = 1.0 + np.abs(bounds.hessian).max()
     assert bounds.value[0] == pytest.approx(
-        model.energy(subject.q, np.zeros(model.n), guess).potential, abs=1e-12 * scale
+        model.energy(subject.q, np.zeros(model.n), near).potential, abs=1e-12 * scale
     )
-    np.testing.assert_allclose(bounds.gradient[0], model.gravity(subject.q, guess), atol=1e-11 * scale)
-    np.testing.assert_allclose(bounds.hessian[0], model.gravity_derivative(subject.q, guess), atol=1e-10 * scale)
+    np.testing.assert_allclose(bounds.gradient[0], model.gravity(subject.q, near), atol=1e-11 * scale)
+    np.testing.assert_allclose(bounds.hessian[0], model.gravity_derivative(subject.q, near), atol=1e-10 * scale)
 
 
 @pytest.mark.parametrize("name", SIZES)
@@ -178,8 +178,8 @@ def test_the_bounds_are_attained_by_a_lone_arm(half):
         Joint("e2", "revolute", "other", "rod2", at(1.0), axis=hinge),
     )
     links = (Link("base"), *(Link(joint.child, heavy if joint.name == "q1" else light) for joint in joints))
-    tip = LoopClosure("tip", "revolute", "rod1", "rod2", at(1.2), at(1.2))
-    described = MechanismDescription("lone arm", "base", links, joints, (tip,))
+    tip = ccpin.LoopClosure("tip", "revolute", "rod1", "rod2", at(1.2), at(1.2))
+    described = ccpin.MechanismDescription("lone arm", "base", links, joints, (tip,))
     mechanism = ccpin.load(described, independent=["q1", "q2"])
     seed = seed_at_coordinates(mechanism, np.array([0.0, 0.9]))
     problem = seed.reading.problem

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control import Budget, PDSimpleGravity, certify_law, suggest_gains
+from ccpin.control import PDSimpleGravity, suggest_gains
 from ccpin.control.stability.set_point.starting_cells import cells_of_atlas
+from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.covering.claims import proved_boxes
 from ccpin.domain import certify
 from ccpin.errors import UnattainableGainsError
@@ -35,7 +36,7 @@ def _atlas(model, law, turns=0, names=("joint3",)):
     """A square about the goal, from a configuration with passive joints turned on by whole turns."""
     start = law.q_free_d.copy()
     start[[model.mechanism.tree.joint(name).q.start for name in names]] += TURN * turns
-    return certify(model.mechanism, GOAL, (GOAL - WIDTH, GOAL + WIDTH), guess=start, max_depth=6)
+    return certify(model.mechanism, GOAL, (GOAL - WIDTH, GOAL + WIDTH), near=start, max_depth=6)
 
 
 def _well(law, q):
@@ -54,14 +55,14 @@ def _least_on_the_edge(law):
 @pytest.mark.parametrize("turns", [-1, 0, 1, 2])
 def test_an_atlas_wound_otherwise_proves_the_laws_level(model, law, turns):
     """The level is below the least U on the atlas's edge, U with the springs as the law's configuration stretches."""
-    certificate = certify_law(law, _atlas(model, law, turns), budget=Budget(10, 600))
+    certificate = certify_law(law, _atlas(model, law, turns), max_depth=10, budget=600)
     assert certificate.verdict == "proven"
     assert 0.9 * _least_on_the_edge(law) < certificate.level <= _least_on_the_edge(law)
 
 
 def test_motions_from_just_below_the_level_arrive(model, law):
     """From rest at 0.9 to 0.99 of a level proved over an atlas one turn on motions converge and stay on σ."""
-    certificate = certify_law(law, _atlas(model, law, 1), budget=Budget(10, 600))
+    certificate = certify_law(law, _atlas(model, law, 1), max_depth=10, budget=600)
     rng, starts = np.random.default_rng(11), []
     while len(starts) < 6:
         q = GOAL + rng.uniform(-WIDTH, WIDTH, 2)
@@ -69,7 +70,7 @@ def test_motions_from_just_below_the_level_arrive(model, law):
             assert certificate.contains(q)
             starts.append(q)
     for q in starts:
-        motion = ccpin.simulate(model, law, q, guess=law.q_free_d, duration=1.5, sample_period=0.05)
+        motion = ccpin.simulate(model, law, q, near=law.q_free_d, duration=1.5, sample_period=0.05)
         np.testing.assert_allclose(motion.q[-1], GOAL, atol=1e-3)
         assert np.all(np.abs(motion.q - GOAL) <= WIDTH)
 
@@ -89,7 +90,7 @@ def test_boxes_with_turns_of_their_own(model, law):
     for cell, expected in zip(store.cells, same.cells, strict=True):
         np.testing.assert_allclose(cell.box.centre, expected.box.centre, atol=1e-12)
         assert cell.neighbours == expected.neighbours
-    level, plain = (certify_law(law, domain, budget=Budget(8, 100)).level for domain in (other, atlas))
+    level, plain = (certify_law(law, domain, max_depth=8, budget=100).level for domain in (other, atlas))
     assert level == pytest.approx(plain, rel=1e-6)
 
 
@@ -100,7 +101,7 @@ def test_the_laws_own_turns_count(model, law):
     other = PDSimpleGravity(model, GOAL, 20.0 * np.asarray(K_P), K_V, start)
     np.testing.assert_allclose(other.q_free_d, start, atol=1e-9)
     atlas = _atlas(model, law)
-    certificate, least = certify_law(other, atlas, budget=Budget(10, 600)), _least_on_the_edge(other)
+    certificate, least = certify_law(other, atlas, max_depth=10, budget=600), _least_on_the_edge(other)
     assert certificate.verdict == "proven"
     assert 0.9 * least < certificate.level_domain <= least
     assert certificate.level <= least
@@ -120,7 +121,7 @@ def test_over_a_full_turn_neighbours_have_one_energy(model, law):
 @pytest.mark.parametrize("turns", [0, 1])
 def test_gains_are_suggested_for_the_laws_turns(model, law, turns):
     """β holds what ‖∂g/∂q‖ is along the law's own σ, whatever turns the atlas has."""
-    gains = suggest_gains(model, GOAL, _atlas(model, law, turns), guess=law.q_free_d)
+    gains = suggest_gains(model, GOAL, _atlas(model, law, turns), near=law.q_free_d)
     rng = np.random.default_rng(7)
     seen = 0.0
     corners = WIDTH * np.array([(s, t) for s in (-1, 1) for t in (-1, 1)])
@@ -152,7 +153,7 @@ def test_where_turns_do_not_agree_a_face_is_a_boundary(model, law, monkeypatch):
             there = store.cells[other]
             assert abs(cell.box.centre[0, elbow] - there.box.centre[0, elbow]) < np.pi, number
     with pytest.raises(UnattainableGainsError) as refused:
-        suggest_gains(model, GOAL, atlas, guess=law.q_free_d)
+        suggest_gains(model, GOAL, atlas, near=law.q_free_d)
     assert refused.value.gains.verdict == "undecided"
 
 

@@ -12,12 +12,13 @@ from scipy.optimize import brentq
 
 import ccpin
 from ccpin import plotting
-from ccpin.control import Budget, PDFullGravity, PDSimpleGravity, certify_law, certify_set_point, suggest_gains
+from ccpin.control import PDFullGravity, PDSimpleGravity, certify_set_point, suggest_gains
 from ccpin.control.stability.set_point.gains import gravity_slope_over
 from ccpin.control.stability.set_point.starting_cells import cells_of_atlas
+from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.control.stability.set_point.well import Well
 from ccpin.domain import certify
-from ccpin.dynamics import closed_loop_derivative, linearize
+from ccpin.dynamics import linearize
 from ccpin.errors import CcpinError, DifferentSubjectsError, InvalidInputError, UnattainableGainsError
 from ccpin.simulation import lyapunov_along
 from tests.oracles import rpdr as oracle
@@ -30,14 +31,14 @@ UPRIGHT, UPRIGHT_MODE = np.radians([90.0, 90.0]), np.radians([90.0, -30.0, 90.0,
 def _case(name):
     """A law, its certificate and how long its motions take to settle."""
     model = ccpin.ReducedModel(ccpin.load(name))
-    q_d, k_p, k_v, budget, duration = {
-        "rpdr": (GOAL, K_P, K_V, Budget(11, 700), 1.0),
-        "delta": (np.zeros(3), np.full(3, 30.0), np.full(3, 4.0), Budget(9, 150), 2.0),
-        "stewart": (model.alpha(model.mechanism.q_reference), np.full(6, 4e3), np.full(6, 300.0), None, 0.8),
-        "hexa": (model.alpha(model.mechanism.q_reference), np.full(6, 100.0), np.full(6, 5.0), None, 1.0),
+    q_d, k_p, k_v, (depth, cells), duration = {
+        "rpdr": (GOAL, K_P, K_V, (11, 700), 1.0),
+        "delta": (np.zeros(3), np.full(3, 30.0), np.full(3, 4.0), (9, 150), 2.0),
+        "stewart": (model.alpha(model.mechanism.q_reference), np.full(6, 4e3), np.full(6, 300.0), (None, None), 0.8),
+        "hexa": (model.alpha(model.mechanism.q_reference), np.full(6, 100.0), np.full(6, 5.0), (None, None), 1.0),
     }[name]
     law = PDSimpleGravity(model, q_d, k_p, k_v)
-    return law, certify_law(law, budget=budget), duration
+    return law, certify_law(law, max_depth=depth, budget=cells), duration
 
 
 def _stopped_after(cells, how):
@@ -54,7 +55,7 @@ def test_interrupted_it_keeps_what_it_proved():
     """After Ctrl-C the level so far stands: no higher than with all the time, and its motions are as certified."""
     law, whole, _ = _case("rpdr")
     ctrl_c = _stopped_after(150, lambda: signal.raise_signal(signal.SIGINT))
-    part = certify_law(law, budget=Budget(11, 700), progress=ctrl_c)
+    part = certify_law(law, max_depth=11, budget=700, progress=ctrl_c)
     assert (part.limit, part.verdict) == ("interrupted", "proven")
     assert 150 <= part.proved < 200 < whole.proved
     assert 0.0 < part.level < whole.level
@@ -229,7 +230,7 @@ def test_well_is_at_least_c_on_the_boundary(name):
     chosen = members if len(members) < 60 else rng.choice(members, 60, replace=False)
     for number in chosen:
         cell = store[number]
-        near = certificate._region.guess(0.5 * (cell.lower + cell.upper))
+        near = certificate._region.near(0.5 * (cell.lower + cell.upper))
         for q in rng.uniform(cell.lower, cell.upper, (4, law.model.n)):
             value = law.lyapunov(q, rest, near)
             assert abs(value - cell.well.quadratic(q - cell.well.centre)) <= cell.well.remainder
@@ -335,13 +336,13 @@ def test_gain_below_the_slope_is_refused_and_runs_away(rpdr_model):
     assert "not stable" in refused.reason
     assert not refused.contains(UPRIGHT)
     off = UPRIGHT + np.array([2e-3, -1e-3])
-    gone = ccpin.simulate(rpdr_model, weak, off, duration=4.0, guess=UPRIGHT_MODE)
+    gone = ccpin.simulate(rpdr_model, weak, off, duration=4.0, near=UPRIGHT_MODE)
     assert np.abs(gone.q[-1] - UPRIGHT).max() > 0.3
     strong = PDSimpleGravity(rpdr_model, UPRIGHT, K_P, K_V, UPRIGHT_MODE)
-    certificate = certify_law(strong, budget=Budget(8, 120))
+    certificate = certify_law(strong, max_depth=8, budget=120)
     assert certificate.verdict == "proven"
     assert certificate.contains(off)
-    back = ccpin.simulate(rpdr_model, strong, off, duration=4.0, guess=UPRIGHT_MODE)
+    back = ccpin.simulate(rpdr_model, strong, off, duration=4.0, near=UPRIGHT_MODE)
     assert np.abs(back.q[-1] - UPRIGHT).max() < 1e-8
 
 
@@ -357,7 +358,7 @@ def test_gain_condition_is_sufficient_only(rpdr_model):
 def test_full_matrix_gains(rpdr_model):
     """k is the least eigenvalue of a K_p that is not diagonal."""
     matrix = np.array([[14.0, 4.0], [4.0, 9.0]])
-    certificate = certify_law(PDSimpleGravity(rpdr_model, GOAL, matrix, K_V), budget=Budget(8, 100))
+    certificate = certify_law(PDSimpleGravity(rpdr_model, GOAL, matrix, K_V), max_depth=8, budget=100)
     assert certificate.gain == pytest.approx(11.5 - np.sqrt(2.5**2 + 16.0))
     assert certificate.verdict == "proven"
 
@@ -381,7 +382,7 @@ def test_bad_input_is_refused(rpdr_model):
 def test_motors_elsewhere_than_on_the_coordinates(motors):
     """B₂ is that of motors on q, and over its cells the bound on ρᵀSᵀ's least singular value is never exceeded."""
     model = ccpin.ReducedModel(ccpin.load("rpdr", independent=["joint1", "joint2"], actuated=list(motors)))
-    certificate = certify_set_point(model, GOAL, K_P, K_V, budget=Budget(8, 60))
+    certificate = certify_set_point(model, GOAL, K_P, K_V, max_depth=8, budget=60)
     assert certificate.verdict == "proven"
     rng, store = np.random.default_rng(2), certificate._region.store
     for number in certificate._region.members[::3]:
@@ -396,7 +397,7 @@ def test_motors_elsewhere_than_on_the_coordinates(motors):
 def test_where_motors_lose_their_grip_the_set_ends():
     """Motors on joints 1 and 3 lose their grip where arm 2 turns back; no member cell holds such q."""
     model = ccpin.ReducedModel(ccpin.load("rpdr", independent=["joint1", "joint2"], actuated=["joint1", "joint3"]))
-    certificate = certify_set_point(model, GOAL, [60.0, 60.0], K_V, budget=Budget(9, 400))
+    certificate = certify_set_point(model, GOAL, [60.0, 60.0], K_V, max_depth=9, budget=400)
     rng = np.random.default_rng(3)
     for lower, upper in zip(*certificate.cells, strict=True):
         for q in rng.uniform(lower, upper, (3, 2)):
@@ -467,7 +468,7 @@ def test_a_budget_spent_is_told_as_that(rpdr_model):
     half = np.radians(14.0)
     coarse = certify(rpdr_model.mechanism, GOAL, (GOAL - half, GOAL + half), max_depth=0)
     K_p = [7.0, 7.0]
-    spent = certify_set_point(rpdr_model, GOAL, K_p, K_V, coarse, budget=Budget(0, 0))
+    spent = certify_set_point(rpdr_model, GOAL, K_p, K_V, coarse, max_depth=0, budget=0)
     assert spent.verdict == "undecided"
     assert spent.slope < spent.gain
     assert "budget" in spent.reason
@@ -525,7 +526,7 @@ def test_suggested_gains_damp_every_mode(rpdr, rpdr_model):
     assert 0.95 * gains.beta <= gains.beta_seen <= gains.beta
     np.testing.assert_allclose(gains.K_p, 1.3 * gains.beta * np.eye(2))
     law = PDSimpleGravity(rpdr_model, GOAL, gains.K_p, gains.K_v)
-    loop = closed_loop_derivative(linearize(rpdr_model, GOAL, law.gravity_d), -gains.K_p, -gains.K_v)
+    loop = linearize(rpdr_model, GOAL, law.gravity_d).closed_loop(-gains.K_p, -gains.K_v)
     poles = np.linalg.eigvals(loop)
     np.testing.assert_allclose(-poles.real / np.abs(poles), 0.6, atol=1e-8)
     np.testing.assert_allclose(np.sort(np.abs(poles))[::2], gains.frequencies, rtol=1e-8)
@@ -625,8 +626,8 @@ def test_pictures(tmp_path, rpdr_model):
 
 def test_the_call_by_set_point_is_that_of_its_law(rpdr_model):
     """certify_set_point(model, q_d, K_p, K_v) makes the law (28) and certifies it."""
-    budget = Budget(8, 100)
-    by_gains = certify_set_point(rpdr_model, GOAL, K_P, K_V, budget=budget)
-    by_law = certify_law(PDSimpleGravity(rpdr_model, GOAL, K_P, K_V), budget=budget)
+    budget = {"max_depth": 8, "budget": 100}
+    by_gains = certify_set_point(rpdr_model, GOAL, K_P, K_V, **budget)
+    by_law = certify_law(PDSimpleGravity(rpdr_model, GOAL, K_P, K_V), **budget)
     assert by_gains.level == by_law.level > 0.0
     assert by_gains.rigorous

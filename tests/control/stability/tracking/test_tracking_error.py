@@ -15,10 +15,10 @@ from ccpin.control import (
     Reference,
     Waypoints,
     WithSigmaError,
-    capped_sigma,
     certify_tracking,
     largest_sigma_error,
 )
+from ccpin.control.online import capped_sigma
 from ccpin.control.stability.tracking.reference_tube import tube_of
 from ccpin.control.stability.tracking.storage import floor, plan_for, storage_of
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError

@@ -25,7 +25,7 @@ Limit = Literal["domain", "gain", "budget", "depth", "interrupted"]
 _AHEAD = 16
 
 
-class Budget(NamedTuple):
+class FloodLimits(NamedTuple):
     """How much work a flood may do.
 
     Attributes:
@@ -82,14 +82,14 @@ class Flood:
     Args:
         store: Its cells.
         good: Which wells may be members.
-        budget: When to give up.
+        limits: When to give up.
         go_on: Asked before every cell, with how far it is; after ``False`` the level found so far stands.
     """
 
     def __init__(
-        self, store: CellStore, good: Callable[[Well], bool], budget: Budget, go_on: Callable[[Flooded], bool]
+        self, store: CellStore, good: Callable[[Well], bool], limits: FloodLimits, go_on: Callable[[Flooded], bool]
     ) -> None:
-        self._store, self._good, self._budget, self._go_on = store, good, budget, go_on
+        self._store, self._good, self._limits, self._go_on = store, good, limits, go_on
         self._members: dict[int, int] = {}
         self._heap: list[_Entry] = []
         self._serial = 0
@@ -128,7 +128,7 @@ class Flood:
                 continue
             if cell.well is None:
                 return "domain"
-            if cell.depth >= self._budget.depth or self._spent():
+            if cell.depth >= self._limits.depth or self._spent():
                 return "budget" if self._spent() else "depth"
             children = self._store.halve_proved(number)
             if children is None:
@@ -162,7 +162,7 @@ class Flood:
         if cell.well is not None and self._good(cell.well):
             self._add(entry.beyond)
             return None
-        if cell.depth >= self._budget.depth or self._rise(entry) <= 0.1 * self._budget.tolerance * self._level:
+        if cell.depth >= self._limits.depth or self._rise(entry) <= 0.1 * self._limits.tolerance * self._level:
             return "gain" if cell.well is not None else "domain"
         number = entry.beyond if cell.well is not None else entry.inside
         for child in self._store.split(entry.beyond, self._store.stretch(number)):
@@ -190,7 +190,7 @@ class Flood:
     def _tighten(self, entry: _Entry) -> bool:
         """Halve the member before a face whose level is not sharp; False where it is, or may not be halved."""
         cell = self._store[entry.inside]
-        if entry.slack <= self._budget.tolerance * max(entry.level, 0.0) or cell.depth >= self._budget.depth:
+        if entry.slack <= self._limits.tolerance * max(entry.level, 0.0) or cell.depth >= self._limits.depth:
             return False
         order = self._members[entry.inside]
         children = self._store.halve_proved(entry.inside)
@@ -248,7 +248,7 @@ class Flood:
         return self._go_on(Flooded(self._store.proved, self._level))
 
     def _spent(self) -> bool:
-        return self._store.proved >= self._budget.cells
+        return self._store.proved >= self._limits.cells
 
 
 def connected(store: CellStore, found: Sublevel, q_d: Array) -> tuple[int, ...]:

@@ -76,7 +76,7 @@ def local_gains(
     *,
     frequency: float = 10.0,
     damping: float = 1.0,
-    guess: ArrayLike | None = None,
+    near: ArrayLike | None = None,
 ) -> tuple[Array, Array]:
     """K_p = ω² D + 1.5 ‖∂g/∂q‖₂ I and K_v for a damping ratio, at a set point alone.
 
@@ -88,7 +88,7 @@ def local_gains(
         q_d: The set point, of shape (n,).
         frequency: ω, rad/s.
         damping: ζ of every mode.
-        guess: Chooses the assembly mode of σ(q_d).
+        near: Chooses the assembly mode of σ(q_d).
 
     Returns:
         K_p and K_v, of shape (n, n) each.
@@ -98,7 +98,7 @@ def local_gains(
     """
     positive(frequency, "frequency"), positive(damping, "damping")
     model = model_of(model)
-    law = PDSimpleGravity(model, q_d, np.ones(model.n), np.ones(model.n), guess)
+    law = PDSimpleGravity(model, q_d, np.ones(model.n), np.ones(model.n), near)
     mass = model.terms(law.q_d, np.zeros(model.n), law.q_free_d).D
     slope = model.gravity_derivative(law.q_d, law.q_free_d)
     stiffness = frequency**2 * mass + _ABOVE * float(np.linalg.norm(slope, 2)) * np.eye(model.n)
@@ -120,7 +120,7 @@ def suggest_gains(
     margin: float = 1.5,
     damping: float = 0.7,
     fastest: float = 1e4,
-    guess: ArrayLike | None = None,
+    near: ArrayLike | None = None,
 ) -> Gains:
     """The smallest K_p with a margin over β on a domain, and K_v for a damping ratio at q_d.
 
@@ -133,7 +133,7 @@ def suggest_gains(
         margin: K_p over β, above 1.
         damping: ζ of every mode, above 0.
         fastest: The largest ω of the loop's modes that there may be, rad/s.
-        guess: Chooses the assembly mode of σ(q_d).
+        near: Chooses the assembly mode of σ(q_d).
 
     Raises:
         DifferentSubjectsError: The atlas is of other closures than the model.
@@ -146,7 +146,7 @@ def suggest_gains(
     number(margin, "margin", "a number above 1", 1.0), positive(damping, "damping"), positive(fastest, "fastest")
     model = model_of(model)
     ones = np.ones(model.n)
-    law = PDSimpleGravity(model, q_d, ones, ones, guess)
+    law = PDSimpleGravity(model, q_d, ones, ones, near)
     if not isinstance(domain, Atlas):
         lower, upper = checked_region(model, domain, law.q_d)
         samples = sample_region(model, lower, upper, law.q_free_d)

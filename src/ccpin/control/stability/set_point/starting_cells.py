@@ -17,7 +17,7 @@ import numpy as np
 from ccpin.arrays import Array, Indices, Mask
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.certified_cells import CellStore, holding
-from ccpin.control.stability.set_point.flood import Budget
+from ccpin.control.stability.set_point.flood import FloodLimits
 from ccpin.control.stability.set_point.potential import Potential, gravity_bounds, potential_of
 from ccpin.control.stability.set_point.well import Well, wells
 from ccpin.covering.faces import contacts_of
@@ -161,7 +161,7 @@ def _touch_on_the_line(atlas: Atlas, pairs: Indices) -> Mask:
     return np.asarray(np.all(high - low >= -_SEAM * edges, axis=1))
 
 
-def cells_around(law: PDSimpleGravity, gain: float, budget: Budget) -> CellStore:
+def cells_around(law: PDSimpleGravity, gain: float, limits: FloodLimits) -> CellStore:
     """One cell centred at q_d, beside which others can be laid.
 
     Its edges are in the proportions of the ellipsoid q̃ᵀ(K_p + ∂g/∂q)q̃ ≤ 1, so that the well rises equally to all
@@ -175,7 +175,7 @@ def cells_around(law: PDSimpleGravity, gain: float, budget: Budget) -> CellStore
     seed = seed_at_coordinates(model.mechanism, law.q_d, law.q_free_d)
     potential = potential_of(model.mechanism, seed.reading, model.gravity_vector)
     trials = _Trials(law, seed, potential)
-    single = budget.cells <= 1
+    single = limits.cells <= 1
     best, level, factor = None, -np.inf, _LARGEST
     for _ in range(_TRIES):
         boxes = trials.box(factor)

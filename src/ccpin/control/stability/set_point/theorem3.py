@@ -19,10 +19,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, instance, listener, vector
+from ccpin.arrays import Array, listener, vector, whole
 from ccpin.control.laws import PDSimpleGravity, kind_of, least_eigenvalue
 from ccpin.control.stability.set_point.certified_cells import CellStore, holding
-from ccpin.control.stability.set_point.flood import Budget, Flood, Flooded, Limit, Sublevel, connected
+from ccpin.control.stability.set_point.flood import Flood, Flooded, FloodLimits, Limit, Sublevel, connected
 from ccpin.control.stability.set_point.starting_cells import cells_around, cells_of_atlas
 from ccpin.control.stability.set_point.well import Well, checked_region, sample_region
 from ccpin.covering.region import Corners
@@ -37,8 +37,8 @@ from ccpin.proof.newton import predict
 from ccpin.proof.verdict import Verdict
 from ccpin.work import stoppable
 
-_BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
-_ONE_BOX = Budget(0, 1)
+_BY_COORDINATES = {1: FloodLimits(12, 400), 2: FloodLimits(14, 2000), 3: FloodLimits(9, 1500)}
+_ONE_BOX = FloodLimits(0, 1)
 _LIMITS = {
     "domain": "the edge of the domain",
     "gain": "where ‖∂g/∂q‖ is not below the gains (or motors elsewhere than on q lose their grip)",
@@ -143,7 +143,7 @@ class SetPointCertificate:
             return f"{self.proved} cells were proved: give a domain with q_d inside it"
         if self.limit == "interrupted":
             return f"{self.proved} cells were proved: more time would do more"
-        return f"{self.proved} cells were proved: a larger budget=Budget(depth, cells) or larger gains would do more"
+        return f"{self.proved} cells were proved: a larger max_depth or budget, or larger gains, would do more"
 
     @property
     def cells(self) -> tuple[Array, Array]:
@@ -157,8 +157,8 @@ class SetPointCertificate:
         """Whether the state (q, v) (default at rest) is in B₂: q in cells whose part of {U < c} is 𝒬's, and 𝒱 < c."""
         point = checked_q(self.law.model.coordinates, q)
         velocity = np.zeros(self.law.model.n) if v is None else vector(v, "v", self.law.model.n)
-        guess = None if self._region is None else self._region.guess(point)
-        return guess is not None and self.law.lyapunov(point, velocity, guess) < self.level
+        near = None if self._region is None else self._region.near(point)
+        return near is not None and self.law.lyapunov(point, velocity, near) < self.level
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +170,7 @@ class _MemberCells:
     lower: Array
     upper: Array
 
-    def guess(self, q: Array) -> Array | None:
+    def near(self, q: Array) -> Array | None:
         """A configuration in the tube of the cell that holds q; ``None`` where there is no cell."""
         inside = holding(self.lower, self.upper, q)
         if not inside.size:
@@ -189,7 +189,7 @@ class _SampledRegion:
     lower: Array
     upper: Array
 
-    def guess(self, q: Array) -> Array | None:
+    def near(self, q: Array) -> Array | None:
         """σ(q) from q_d, where q is inside and can be reached."""
         if not np.all((self.lower <= q) & (q <= self.upper)):
             return None
@@ -206,8 +206,9 @@ def certify_set_point(
     K_v: ArrayLike,
     domain: Atlas | Corners | None = None,
     *,
-    guess: ArrayLike | None = None,
-    budget: Budget | None = None,
+    near: ArrayLike | None = None,
+    max_depth: int | None = None,
+    budget: int | None = None,
     progress: Callable[[Flooded], None] | None = None,
 ) -> SetPointCertificate:
     """Theorem 3 for PD with simple gravity compensation (28) at a set point: `certify_law` of that law.
@@ -218,7 +219,8 @@ def certify_set_point(
         K_p: Proportional gains, as for `PDSimpleGravity`.
         K_v: Velocity gains, alike.
         domain: As for `certify_law`.
-        guess: Chooses the assembly mode of σ(q_d).
+        near: Chooses the assembly mode of σ(q_d).
+        max_depth: As for `certify_law`.
         budget: As for `certify_law`.
         progress: As for `certify_law`.
 
@@ -226,14 +228,16 @@ def certify_set_point(
         InvalidInputError, UnsupportedMechanismError, UnreachableError, SingularConfigurationError: As `certify_law`
             and `PDSimpleGravity` do.
     """
-    return certify_law(PDSimpleGravity(model, q_d, K_p, K_v, guess), domain, budget=budget, progress=progress)
+    law = PDSimpleGravity(model, q_d, K_p, K_v, near)
+    return certify_law(law, domain, max_depth=max_depth, budget=budget, progress=progress)
 
 
 def certify_law(
     law: PDSimpleGravity,
     domain: Atlas | Corners | None = None,
     *,
-    budget: Budget | None = None,
+    max_depth: int | None = None,
+    budget: int | None = None,
     progress: Callable[[Flooded], None] | None = None,
 ) -> SetPointCertificate:
     """Theorem 3 for a law: β, the gain condition, and the largest c found with B₂ in the domain.
@@ -241,10 +245,11 @@ def certify_law(
     Args:
         law: PD with simple gravity compensation: the model, q_d, K_p and K_v.
         domain: A certified atlas on whose branch q_d lies; ``None``: cells are proved around q_d as far as needed
-            (with more than three coordinates a single box, unless `budget` says otherwise); or a plain region
+            (with more than three coordinates a single box, unless they are allowed more); or a plain region
             (lower, upper), taken to lie in Ω, over which everything is only sampled.
-        budget: How much work to do beyond the atlas's own boxes; default by the number of coordinates, and as many
-            cells more as the atlas has.
+        max_depth: How often a cell may be halved; default by the number of coordinates.
+        budget: How many cells may be proved beyond the atlas's own boxes; default by the number of coordinates, and as
+            many more as the atlas has.
         progress: Called before every cell with how far it is; what it raises ends the work.
 
     Returns:
@@ -260,18 +265,18 @@ def certify_law(
     _check(law)
     if isinstance(domain, Atlas):
         require_about("a certified set point", domain, law.model)
+    own = len(domain.boxes.kappa) if isinstance(domain, Atlas) else 0
+    usual = _BY_COORDINATES.get(law.model.n, _ONE_BOX)
+    limits = FloodLimits(
+        usual.depth if max_depth is None else whole(max_depth, "max_depth", 0),
+        usual.cells + own if budget is None else whole(budget, "budget", 0),
+    )
     stiffness = law.model.gravity_derivative(law.q_d, law.q_free_d)
     gain = least_eigenvalue(law.K_p)
     least = float(np.linalg.eigvalsh(law.K_p + stiffness)[0])
     norm_d = float(np.linalg.norm(stiffness, 2))
     if domain is not None and not isinstance(domain, Atlas):
         return _sampled(law, domain, gain, least, norm_d)
-    own = 0 if domain is None else len(domain.boxes.kappa)
-    if budget is None:
-        budget = _BUDGETS.get(law.model.n, _ONE_BOX)
-        budget = budget._replace(cells=budget.cells + own)
-    else:
-        budget = instance(budget, "budget", Budget)
     told = listener(progress)
     with stoppable() as stop:
 
@@ -279,13 +284,13 @@ def certify_law(
             told(flooded)
             return not stop.is_set()
 
-        store = cells_around(law, gain, budget) if domain is None else cells_of_atlas(law, domain)
-        found = Flood(store, lambda well: well.beta < gain and well.effort > 0.0, budget, go_on).run(law.q_d)
+        store = cells_around(law, gain, limits) if domain is None else cells_of_atlas(law, domain)
+        found = Flood(store, lambda well: well.beta < gain and well.effort > 0.0, limits, go_on).run(law.q_d)
         level_domain, region, proved = found.level, _members(store, found, law.q_d), store.proved
         if found.limit in ("gain", "depth"):
-            more = budget._replace(cells=budget.cells + store.proved)
+            more = limits._replace(cells=limits.cells + store.proved)
             level_domain = max(level_domain, Flood(store, _forceful, more, go_on).run(law.q_d).level)
-    around = f"cells proved around q_d, {budget.cells} at most"
+    around = f"cells proved around q_d, {limits.cells} at most"
     return SetPointCertificate(
         law=law,
         level=found.level,

@@ -25,7 +25,7 @@ _PLANNED = 48
 
 
 class TubeBounds(NamedTuple):
-    """What a search ends with; `ccpin.control.TrackingCertificate` explains its numbers.
+    """What a search ends with; `TrackingCertificate` (`tracking_error`) explains its numbers.
 
     Attributes:
         verdict, reason: As there.
