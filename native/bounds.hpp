@@ -1,4 +1,4 @@
-// Bounds of φ and φ_θ over one box: what Theorem K needs. Theorems, notation and margins are those of
+// Bounds of φ and φ_θ over one box: what Theorem N needs. Theorems, notation and margins are those of
 // `proof/bounds.py`; `closures.hpp` proves γ for the operations here.
 #pragma once
 #include "closures.hpp"

@@ -1,4 +1,4 @@
-// One box: a search for R, w and κ with which Theorem K holds, and its strict check. The theorem, its proof and the
+// One box: a search for R, w and κ with which Theorem N holds, and its strict check. The theorem, its proof and the
 // search are those of `covering/proposals/krawczyk.py`, step for step.
 #pragma once
 #include "bounds_planar.hpp"
@@ -167,7 +167,7 @@ class Krawczyk {
     return find_weight(box) && holds(box);
   }
 
-  // (K1) from scratch; (K2) holds for the w and κ of `find_weight` by their making.
+  // (N1) from scratch; (N2) holds for the w and κ of `find_weight` by their making.
   bool holds(const Box& box) {
     bounds_->mean(box.radius, image_), image_.of(box.radius.data(), solved_);
     for (int i = 0; i < c_.m; ++i)

@@ -65,15 +65,18 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
         ("cells", "documents"),
         ("faces", "merging", "runner"),
         ("pruning", "proposals"),
+        "claims",
     ),
     "proof": (
-        ("theorems", "rounding", "digests", "verdict"),
-        ("balls", "chains"),
-        ("ranges", "bounds", "emptiness"),
-        "phasors",
+        ("theorems", "rounding", "digests", "verdict", "facts"),
+        ("balls", "chains", "chords"),
+        ("ranges", "bounds", "tips"),
+        ("emptiness", "phasors", "taylor"),
+        "reach_bounds",
         "equations",
         "newton",
-        ("narrowing", "requirements"),
+        ("narrowing", "requirements", "solutions"),
+        ("covers", "demanded", "paths"),
     ),
 }
 OF_NO_ROOM = (("scripts",), ("docs",))  # tests of what is no part of the package

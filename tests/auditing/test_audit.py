@@ -44,7 +44,7 @@ def test_true_claims_are_proved(case):
     assert audit.claims[0].of == len(atlas.boxes.kappa)
     assert audit.claims[1].of > 0 or len(atlas.boxes.kappa) == 1
     assert audit.whole == (sample is None)
-    assert "Theorem K" in audit.theorem
+    assert "Theorem N" in audit.theorem
 
 
 @pytest.mark.parametrize("held", [0, 1, 2])

@@ -71,7 +71,7 @@ def test_boxes_are_claimed_as_widened_by_their_roundings():
 
 
 def test_a_solution_is_known_within_the_ball_that_the_contraction_leaves():
-    """Theorem K without parameters about a solution of a parabola, y + y²/2 + c = 0."""
+    """Theorem N without parameters about a solution of a parabola, y + y²/2 + c = 0."""
     for c in (-0.4, 0.3, 0.45):
         found = near(Quadratic(c=c, d=1.0), np.array([1]), np.zeros(2))
         assert found is not None

@@ -320,7 +320,7 @@ def test_all_boxes_are_asked():
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_boxes_cover_their_cells_and_little_more(start, axis, side):
-    """With the h of Theorem K they cover; as stated they are off by a billionth of an edge at most, and that room."""
+    """With the h of Theorem N they cover; as stated they are off by a billionth of an edge at most, and that room."""
     edge = (2.0, 1.0)[axis]
 
     def off(by, longer=0.0, wide=1e-3):

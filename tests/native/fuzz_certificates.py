@@ -1,4 +1,4 @@
-"""Certificates for the fuzzer: bounds, Theorem K, Newton, gluing and contacts with sound and with spoilt arguments."""
+"""Certificates for the fuzzer: bounds, Theorem N, Newton, gluing and contacts with sound and with spoilt arguments."""
 
 from __future__ import annotations
 

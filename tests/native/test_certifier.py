@@ -17,9 +17,8 @@ from ccpin.covering.region import Region
 from ccpin.domain import certify
 from ccpin.domain.closures.system import reading_of
 from ccpin.native.certifier import certifier, numbers_of
-from ccpin.proof.chains import Derivatives, derivatives
-from ccpin.proof.equations import closure_values, problem_of
-from ccpin.proof.newton import Boxes, bounds_of, verify
+from ccpin.proof.equations import Derivatives, closure_values, closures_of, derivatives, problem_of
+from ccpin.proof.newton import Boxes, bounds_of, check
 from tests.support.closures import ARMS, KINDS, PLANAR, SPATIAL, closed_problem, two_arms
 
 if backend().name != "native":
@@ -101,7 +100,7 @@ def test_boxes_are_the_reference_s(monkeypatch, name, bounds):
     found, expected = certify_boxes(problem, *cells), by_numpy(monkeypatch, certify_boxes, problem, *cells)
     assert np.array_equal(found.proved, expected.proved)
     assert np.count_nonzero(found.proved) > 20
-    assert np.all(verify(problem, found.boxes.take(found.proved)))
+    assert np.all(check(closures_of(problem), found.boxes.take(found.proved)).proved)
     for field in ("directions", "radius", "weight", "kappa"):
         mine, theirs = getattr(found.boxes, field), getattr(expected.boxes, field)
         assert close(mine[found.proved], theirs[found.proved])
@@ -335,7 +334,7 @@ def test_second_derivatives_are_within_their_margin(precise, arms, kind):
     problem, rng = problem_of(system, "reach"), np.random.default_rng(7)
     theta = rng.uniform(-3, 3, (2, mechanism.n_free))
     found = Derivatives(*certifier(system, None).derivatives(theta))
-    for computed, reference in zip(found, derivatives(system, problem.stack, theta), strict=True):
+    for computed, reference in zip(found, derivatives(problem, theta), strict=True):
         np.testing.assert_allclose(computed, reference, atol=1e-12)
     margin, step = system.rounding * system.magnitude(theta), arb(2) ** -60
     for k, hessian in enumerate(found.hessian):

@@ -8,8 +8,9 @@ from ccpin.covering.cells import CellStatus
 from ccpin.covering.proposals.platforms import platform_empty
 from ccpin.domain import certify, scalar_coordinates_at
 from ccpin.domain.closures.system import reading_of
-from ccpin.proof.chains import Chain, move, stack_chains
+from ccpin.proof.chains import Chain, stack_chains
 from ccpin.proof.emptiness import drift, platform_of
+from ccpin.proof.tips import move
 from tests.oracles import delta as spheres
 from tests.oracles import planar_3rrr as three_legs
 

@@ -11,11 +11,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.proof.bounds import Frame, Image, chain_reach, reach_bounds
-from ccpin.proof.chains import ChainStack, Derivatives
-from ccpin.proof.equations import Problem, third_bound
-from ccpin.proof.newton import Boxes, _rounding, bounds_of, encloses, inequalities_hold, without_turns
+from ccpin.proof.bounds import Frame, Image
+from ccpin.proof.chains import ChainStack
+from ccpin.proof.equations import Derivatives, Problem, third_bound
+from ccpin.proof.newton import Boxes, encloses, frame_of, holds, noise_of, without_turns
+from ccpin.proof.reach_bounds import ChainLengths, ReachDrift, chain_reach
 from ccpin.proof.rounding import blur, widened
+from ccpin.proof.taylor import Pattern, Point, taylor_bounds
+from ccpin.proof.tips import by_joint, turns_of
 
 N, M, P = 5, 2, 3  # n′, m and the parameters of a box
 
@@ -65,6 +68,18 @@ def case(rng, size=0.3):
         np.array([0.01]),
     )
     return stack, theta, values, frame
+
+
+def taylor(stack, theta, values, frame):
+    """The bounds of `case`: all entries of φ_θθ, and third derivatives from the chains' lengths."""
+    first, other = np.triu_indices(N)
+    pattern = Pattern(np.repeat(np.arange(M), len(first)), np.tile(np.arange(len(first)), M), first, other, N)
+    second = values.hessian[0][:, first, other].reshape(-1, 1)
+    point = Point(values.phi, values.jacobian, second, pattern, frame.rounding)
+    turns, arms = turns_of(stack), np.transpose(values.arms, (2, 1, 0))
+    gains = np.swapaxes(np.linalg.norm(frame.preconditioner[:, None] @ stack.weights, axis=3), 1, 2)
+    drift = ReachDrift(ChainLengths.of(stack, turns), gains, by_joint(turns, np.abs(theta)), arms, frame.rounding)
+    return taylor_bounds(point, frame, drift)
 
 
 def lengths_of(stack, values, theta, box, rounding):
@@ -147,7 +162,7 @@ class Stated:
 def test_reach_bounds_are_the_sums_that_the_theorem_states(rng, size):
     for _ in range(4):
         given = case(rng, size)
-        bounds, stated = reach_bounds(given[0], *given[1:]), Stated(*given)
+        bounds, stated = taylor(*given), Stated(*given)
         radius, weight = size * rng.uniform(0.1, 1, M), rng.uniform(0.1, 1, M)
         np.testing.assert_allclose(bounds.y[0], stated.y(), rtol=1e-12)
         np.testing.assert_allclose(bounds.mean(radius[None]).of(radius[None])[0], stated.mean(radius), rtol=1e-12)
@@ -161,6 +176,8 @@ def test_reach_is_attained_by_a_stretched_chain():
     """Three unit links in a line: the tip is 3, 2 and 1 m from their joints, and no further wherever they turn."""
     stack = stack_of(np.random.default_rng(0))._replace(
         joints=np.array([[0, 1, 2]]),
+        rotations=np.tile(np.eye(3), (1, 3, 1, 1)),
+        axes=np.tile([0.0, 0, 1], (1, 3, 1)),
         turning=np.ones((1, 3)),
         sliding=np.zeros((1, 3)),
         translations=np.array([[[0.0, 0, 0], [1, 0, 0], [1, 0, 0]]]),
@@ -193,7 +210,7 @@ def box_of(radius=1.0, weight=1.0, kappa=0.5):
 
 
 @pytest.mark.parametrize(
-    ("y", "mean", "slope", "kappa", "holds"),
+    ("y", "mean", "slope", "kappa", "proved"),
     [
         (0.25, 0.5, 0.1, 0.5, True),
         (0.5 - 2e-10, 0.5, 0.1, 0.5, True),
@@ -208,13 +225,15 @@ def box_of(radius=1.0, weight=1.0, kappa=0.5):
         (-np.inf, 0.2, 0.1, 0.5, False),
     ],
 )
-def test_theorem_k_is_checked_at_equality(y, mean, slope, kappa, holds):
-    assert inequalities_hold(Fixed(y, mean, slope), box_of(kappa=kappa))[0] == holds
+def test_theorem_n_is_checked_at_equality(y, mean, slope, kappa, proved):
+    checked = holds(Fixed(y, mean, slope), box_of(kappa=kappa))
+    assert checked.proved[0] == proved
+    np.testing.assert_array_equal(checked.image, [[mean]])
 
 
 @pytest.mark.parametrize(("weight", "slope"), [(0.0, -1.0), (0.0, 0.0), (-1.0, 0.6)])
-def test_theorem_k_asks_for_positive_weights(weight, slope):
-    assert not inequalities_hold(Fixed(0.1, 0.2, slope), box_of(weight=weight))[0]
+def test_theorem_n_asks_for_positive_weights(weight, slope):
+    assert not holds(Fixed(0.1, 0.2, slope), box_of(weight=weight)).proved[0]
 
 
 @pytest.fixture
@@ -292,25 +311,24 @@ def test_gaps_without_turns_are_at_most_half_a_turn():
     np.testing.assert_array_equal(found[:, 1], gap[:, 1])
 
 
-def test_the_rounding_of_f_is_that_of_the_farthest_point_in_the_boxes_norm(alone):
-    """‖Ã‖ γ magnitude(|θ_c| + |D|h): here (3/2) · 1e-3 · (2 + (1 + 0.5) + (2 + 0.5))."""
-    box = box_of(weight=2.0)._replace(centre=np.array([[1.0, -2.0]]), preconditioner=np.full((1, 1, 1), -3.0))
-    np.testing.assert_allclose(_rounding(alone, box), [1.5e-3 * 6.0], rtol=1e-14)
+def equations_of(system):
+    """As far as frames and roundings ask."""
+    return SimpleNamespace(system=system, rounding=lambda theta: system.rounding * system.magnitude(theta))
 
 
-def test_boxes_are_bounded_as_widened(monkeypatch):
+def test_the_rounding_of_f_is_that_of_the_farthest_point_of_the_tube(alone):
+    """|Ã| γ magnitude(|θ_c| + |D|h + |E|R): here 3 · 1e-3 · (2 + (1 + 0.5) + (2 + 0.5 + 4))."""
+    box = box_of(radius=4.0)._replace(centre=np.array([[1.0, -2.0]]), preconditioner=np.full((1, 1, 1), -3.0))
+    np.testing.assert_allclose(noise_of(equations_of(alone.system), box), [[3e-3 * 10.0]], rtol=1e-14)
+
+
+def test_boxes_are_bounded_as_widened():
     """h is widened by more than a corner's rounding before anything is bounded."""
-    from ccpin.proof import newton as module
-
-    seen = []
-    monkeypatch.setattr(module, "derivatives", lambda *_: None)
-    monkeypatch.setattr(module, "reach_bounds", lambda stack, theta, values, frame: seen.append(frame))
     system = SimpleNamespace(
         dependent=np.array([1]), independent=np.array([0]), m=1, n=1, rounding=1e-3, magnitude=lambda t: np.full(1, 7.0)
     )
     box = box_of()._replace(centre=np.array([[-1e3, 5.0]]))
-    bounds_of(Problem(system, None, None), box)
-    (frame,) = seen
+    frame = frame_of(equations_of(system), box)
     np.testing.assert_array_equal(frame.half, widened(np.array([[1e3]]), box.half))
     assert frame.rounding[0] == 7.0e-3
     np.testing.assert_array_equal(frame.modes[0], [[0.0], [1.0]])

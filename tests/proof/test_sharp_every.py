@@ -10,7 +10,8 @@ from ccpin.auditing.boxes import contracts
 from ccpin.control.stability.tracking.storage import _inverted
 from ccpin.proof import narrowing, newton
 from ccpin.proof.balls import Affine, inverse, product
-from ccpin.proof.newton import inequalities_hold, measured_from, proved_within
+from ccpin.proof.newton import holds, noise_of, proved_within, reached
+from ccpin.proof.rounding import widened
 
 ONES, I2 = np.ones((1, 2)), np.eye(2)[None]
 
@@ -29,7 +30,7 @@ class Said:
 
 
 @pytest.mark.parametrize(
-    ("y", "shrunk", "weight", "holds"),
+    ("y", "shrunk", "weight", "proved"),
     [
         ((0.1, 0.1), (0.1, 0.1), (1.0, 1.0), True),
         ((0.1, 2.0), (0.1, 0.1), (1.0, 1.0), False),
@@ -37,20 +38,20 @@ class Said:
         ((0.1, 0.1), (0.1, 0.0), (1.0, 0.0), False),
     ],
 )
-def test_a_box_is_proved_by_all_its_coordinates(y, shrunk, weight, holds):
+def test_a_box_is_proved_by_all_its_coordinates(y, shrunk, weight, proved):
     boxes = SimpleNamespace(radius=ONES, weight=np.array([weight]), kappa=np.array([0.5]))
-    assert bool(inequalities_hold(Said(y, shrunk), boxes)[0]) is holds
+    assert bool(holds(Said(y, shrunk), boxes).proved[0]) is proved
 
 
 def test_parameters_are_measured_from_the_largest_coordinate():
     system = SimpleNamespace(n=1, independent=np.array([0]))
     boxes = SimpleNamespace(half=np.ones((1, 3)), centre=np.array([[1.0, -5.0, 2.0]]))
-    assert measured_from(system, boxes).tolist() == [[5.0]]
+    np.testing.assert_array_equal(reached(system, boxes), widened(np.full((1, 3), 5.0), boxes.half))
 
 
 def test_a_solution_is_in_a_tube_by_all_its_coordinates(monkeypatch):
     monkeypatch.setattr(newton, "predict", lambda *_: np.zeros((1, 2)))
-    system = SimpleNamespace(dependent=np.array([0, 1]), periodic=np.zeros(2, dtype=bool))
+    system = SimpleNamespace(dependent=np.array([0, 1]), periodic=np.zeros(2, dtype=bool), m=2)
     boxes = SimpleNamespace(modes=I2, directions=np.zeros((1, 2, 1)), radius=1e-3 * ONES)
     for beyond, enclosed in ((0.0, True), (5e-3, False)):
         theta = np.array([[0.0, beyond]])
@@ -58,16 +59,17 @@ def test_a_solution_is_in_a_tube_by_all_its_coordinates(monkeypatch):
         assert bool(found[0]) is enclosed
 
 
-def test_rounding_counts_by_the_row_where_it_counts_most():
-    system = SimpleNamespace(rounding=1.0, magnitude=lambda _: 1.0)
+def test_rounding_counts_by_rows():
+    system = SimpleNamespace(dependent=np.array([0, 1]))
     boxes = SimpleNamespace(
         preconditioner=np.diag([1.0, 100.0])[None],
-        weight=ONES,
         centre=np.zeros((1, 2)),
         directions=np.zeros((1, 2, 1)),
         half=np.zeros((1, 1)),
+        modes=I2,
+        radius=ONES,
     )
-    assert newton._rounding(SimpleNamespace(system=system), boxes).tolist() == [100.0]
+    assert noise_of(SimpleNamespace(system=system, rounding=lambda _: np.ones(1)), boxes).tolist() == [[1.0, 100.0]]
 
 
 def test_parameters_of_boxes_add_up_and_those_of_balls_do_not():

@@ -132,7 +132,7 @@ def verify(
     First the document must be what its format declares and agree with itself (`declared`, `structure`, `cells`): cells
     tile the region, each certified one has its own box, and what closes on itself is a full turn.
 
-    Proved are, of atlases: Theorem K for the boxes; that the seed is a solution of its box; that neighbours carry the
+    Proved are, of atlases: Theorem N for the boxes; that the seed is a solution of its box; that neighbours carry the
     same σ where the document does not list them as unglued (of sheets: where it says so), and that every box is reached
     from the seed's by such neighbours; that cells called singular hold a singular configuration; and that those called
     empty hold none, where that can be told by the triangle inequality, by the lengths of legs that meet in one body, or

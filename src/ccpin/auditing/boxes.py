@@ -1,4 +1,4 @@
-"""Theorem K of one box, proved by cutting its parameters into cells.
+"""Theorem N of one box, proved by cutting its parameters into cells.
 
 A box is θ = θ_c + Dδ + Eζ, |δ| ≤ h, |ζ| ≤ R, E = [0; V]. Claimed: for every such δ, φ = 0 has exactly one solution in
 the tube |ζ| ≤ R, and φ_y is nonsingular there. The Ã and w of the document are not used: any will do, cell by cell.

@@ -58,7 +58,7 @@ def cross(a: arb_mat, b: arb_mat) -> arb_mat:
 
 
 class BallEquations(Protocol):
-    """Rows of equations of some coordinates θ, over balls: what Theorem K and gluing speak of."""
+    """Rows of equations of some coordinates θ, over balls: what Theorem N and gluing speak of."""
 
     m: int
     n_free: int

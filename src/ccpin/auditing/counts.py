@@ -16,7 +16,7 @@ The boxes are found by the search of `emptiness`. Those that hold the cell's mid
 alone, until each is empty or, by 2 for what it spans with the ball in which a solution is proved (`gluing.near`), holds
 no other. Two such balls are told apart, or shown to hold the same solution by 2. What is left is their number.
 
-A certified cell says besides that each of them is in a box of its own that is proved by Theorem K and covers the cell.
+A certified cell says besides that each of them is in a box of its own that is proved by Theorem N and covers the cell.
 As each such box holds one solution over the middle and no two the same, the boxes hold all solutions over the cell: the
 one in each is a continuous function of q, and functions that differ somewhere differ everywhere, by 1.
 """

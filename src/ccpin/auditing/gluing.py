@@ -1,6 +1,6 @@
 """Which boxes touch, and whether they carry the same solution where they do.
 
-At the middle of a shared face a solution is proved within a small ball by Theorem K with no parameters; both boxes have
+At the middle of a shared face a solution is proved within a small ball by Theorem N with no parameters; both boxes have
 it where that ball lies in both tubes, the second one's up to whole turns. By uniqueness it is both boxes' solution
 there, and so all over the face (the set where two continuous solutions agree is open and closed).
 """

@@ -35,7 +35,7 @@ from ccpin.errors import InvalidInputError
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-WIDEN = (1e-14, 2.0**-51)  # what Theorem K adds to h, so that boxes of rounded corners overlap: least, of |c| + h
+WIDEN = (1e-14, 2.0**-51)  # what Theorem N adds to h, so that boxes of rounded corners overlap: least, of |c| + h
 _SYSTEM = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
 _BOXES = ("centre", "half", "directions", "modes", "radius")
 _CHAIN = ("joints", "rotations", "translations", "axes", "prismatic", "tip", "direction", "weights")
@@ -147,7 +147,7 @@ class ClaimedDocument(NamedTuple):
         header: What the JSON says, the theorem's text and the fingerprint with it.
         chains, couplings, offset, moduli: x and B; G (m, n′); d (m,); (m,).
         independent, dependent, periodic: Indices of q and y in θ; whether θ_j counts modulo 2π.
-        centre, half, directions, modes, radius: θ_c, h, D, V and R of Theorem K, by box.
+        centre, half, directions, modes, radius: θ_c, h, D, V and R of Theorem N, by box.
         lower, upper, wrapped: The region, and which coordinates close on themselves.
         seed: θ on the branch, of an atlas; of sheets none.
         unglued: Pairs of boxes of which no gluing is claimed, of an atlas.
@@ -292,7 +292,7 @@ def _of_cells(header: dict[str, Any], arrays: Arrays) -> ClaimedDocument:
 
 
 def widened(centre: Array, half: Array) -> Array:
-    """The h of which Theorem K is claimed, 1e-14 + 4u(|c| + h) more than the h that is stated beside q_c."""
+    """The h of which Theorem N is claimed, 1e-14 + 4u(|c| + h) more than the h that is stated beside q_c."""
     return np.asarray(half + (WIDEN[0] + WIDEN[1] * (np.abs(centre) + half)))
 
 

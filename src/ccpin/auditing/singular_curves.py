@@ -7,7 +7,7 @@ With x = (θ, w) and any vector l the equations
 say that θ is a singular closed configuration and that w spans part of the kernel of φ_y. A tube is
 x = x₀ + st + e, |s| ≤ δ, |e| ≤ R, e_j = 0, with t_j = ±1. Claimed: for every such s exactly one e has G = 0, and G′
 without its column j is nonsingular there; so what of {G = 0} is in it is one smooth arc from end to end.
-That is the claim of a box of Theorem K (`boxes`) for G in place of φ, s in place of δ and e in place of ζ, and proved
+That is the claim of a box of Theorem N (`boxes`) for G in place of φ, s in place of δ and e in place of ζ, and proved
 as that is.
 
 **Lemma (gluing).** Of two proved tubes A and B let two zeros of B's arc, at s₁ < s₂ = 0, lie in A at a₁ < a₂, a₂ > 0,

@@ -160,7 +160,7 @@ def _check_faces(arrays: Arrays) -> None:
 
 
 def check_boxes(arrays: Arrays, over: Over, half: NDArray[np.float64]) -> None:
-    """D moves q as δ does, and each box is its cell's: with h as Theorem K has it (`half`) it covers all of it.
+    """D moves q as δ does, and each box is its cell's: with h as Theorem N has it (`half`) it covers all of it.
 
     Raises:
         ContradictionError: Not so.

@@ -1,4 +1,4 @@
-"""What a workspace's boxes are to meet besides Theorem K: limits, motors that determine the motion, dexterity.
+"""What a workspace's boxes are to meet besides Theorem N: limits, motors that determine the motion, dexterity.
 
 A box of `boxes` has θ(δ) = θ_c + Dδ + Eζ(δ), |δ| ≤ h, |ζ| ≤ R, with the task's coordinates x independent and all
 others, y, dependent. Some of θ, q_d, are driven.

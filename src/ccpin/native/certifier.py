@@ -1,4 +1,4 @@
-"""Certificates in the compiled core: Theorem K, Newton and gluing box by box, with the margins that NumPy's have.
+"""Certificates in the compiled core: Theorem N, Newton and gluing box by box, with the margins that NumPy's have.
 
 The core finds what the searches in Python find, by the same steps, and checks the same inequalities; that the margins
 hold for its own order of operations is proved in ``native/closures.hpp``. Which boxes are proved is the same but where

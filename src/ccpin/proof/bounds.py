@@ -1,22 +1,11 @@
-"""Bounds of φ and its Jacobian over boxes: what Theorem K needs, from link lengths alone.
+"""Bounds of φ and its Jacobian over boxes: what Theorem N needs.
 
 Notation. A box is θ = θ_c + Dδ + Eζ, |δ| ≤ h, |ζ| ≤ R, with D (n′×p) and E (n′×m), zero in the independent rows;
 f = Ãφ. L = |D|h and W = L + |E|R bound the moves of the joints. Wanted, componentwise,
 
     Y ≥ |f(δ, 0)|,    Z(R) ≥ |I − f_ζ(δ, ζ)|,    Z̄(R) ≥ |I − ∫₀¹ f_ζ(δ, τζ) dτ|.
 
-**Reach bounds** (any tree). By Taylor's formula with the exact φ_θθ at the centre and the third derivatives
-bounded along the segment,
-
-    Y  = |Ãφ_c| + |ÃφD|h + ½ hᵀ|Dᵀ(Ãφ_θθ)D|h + ⅙ Σ_c g_c T_c(L, L, L),
-    Z  = |I − Ãφ_θE| + |N|(h, R) + ½ Σ_c g_c T_c(W, W, |E|),       N = Eᵀ(Ãφ_θθ)[D, E],
-    Z̄  = the same with (h, R/2) and T_c(L, L, ·) + T_c(L, r, ·) + T_c(r, r, ·)/3, r = |E|R,
-
-g_ic = ‖row i of ÃB_c‖₂, T_c(x, y, z) = Σ ρ_l x_i y_j z_k over the joints of chain c, l the deepest of i, j, k and
-the other two turning joints: |a_i × (a_j × b_l)| ≤ |b_l| ≤ ρ_l. For ρ_l take the smaller of the length of the
-chain from o_l to the tip with its slides over the box, and |b_l| at the centre + Σ_{k deeper} ρ_k W_k (the distance
-of the tip from axis l depends on deeper joints only, and at a rate of at most ρ_k). Slides have ρ = 1. Only products
-of the third-order terms with vectors are formed: Z̄R and Zw are what Theorem K asks for.
+**Taylor bounds** (any equations, `taylor`) take third derivatives from lengths for closures (`reach_bounds`).
 
 **Planar bounds** (φ a sum of phasors z_j e^{iu_j}, u_j = (CD)_j δ + (CE)_j ζ the deviation of link j's angle, so that
 joint motions that cancel in a link cancel in the bound). With α = Ãz, κ = Ã(iz) and U_j ≥ |u_j|,
@@ -40,8 +29,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, apply, rows_of
-from ccpin.proof.chains import ChainStack, Derivatives, gather
+from ccpin.arrays import Array, Indices, Mask, apply
 
 Rows = Indices | Mask
 
@@ -138,113 +126,3 @@ def linear_part(frame: Frame, phi: Array, jacobian: Array) -> LinearPart:
         rounding=frame.rounding,
         margin=margin,
     )
-
-
-class ReachBounds(NamedTuple):
-    """Reach bounds of B boxes (`Bounds`).
-
-    Attributes:
-        stack: The chains.
-        linear: The shared part.
-        y: Y, of shape (B, m).
-        mixed: |N|, of shape (B, m, m, p + m).
-        gains: g, of shape (B, m, C).
-        position: |θ|, of shape (B, C, k).
-        arms: |b|, of shape (B, C, k).
-    """
-
-    stack: ChainStack
-    linear: LinearPart
-    y: Array
-    mixed: Array
-    gains: Array
-    position: Array
-    arms: Array
-
-    def take(self, rows: Rows) -> ReachBounds:
-        """See `Bounds`."""
-        return ReachBounds(self.stack, rows_of(self.linear, rows), *(array[rows] for array in self[2:]))
-
-    def mean(self, radius: Array) -> Image:
-        """See `Bounds`."""
-        widths = self.linear.widths(radius)
-        reach = self._reach(self.linear.moves + widths)
-        moves, width = gather(self.stack, self.linear.moves), gather(self.stack, widths)
-        third = _trilinear(self.stack, reach, moves, moves, width)
-        third += _trilinear(self.stack, reach, moves, width, width)
-        third += _trilinear(self.stack, reach, width, width, width) / 3.0
-        return Image(self.linear.affine(widths) + self._first(0.5 * radius), 0.5 * apply(self.gains, third))
-
-    def contraction(self, radius: Array, weight: Array) -> Image:
-        """See `Bounds`."""
-        widths = self.linear.widths(radius)
-        box = self.linear.moves + widths
-        moves = gather(self.stack, box)
-        third = _trilinear(self.stack, self._reach(box), moves, moves, gather(self.stack, self.linear.widths(weight)))
-        return Image(self.linear.affine(widths) + self._first(radius), 0.5 * apply(self.gains, third))
-
-    def curvature(self, radius: Array, weight: Array) -> Array:
-        """See `Bounds`."""
-        second = (self.mixed[..., -weight.shape[1] :] @ weight[:, None, :, None])[..., 0]
-        centre = apply(second, weight)
-        box, turn = self.linear.moves + self.linear.widths(radius), gather(self.stack, self.linear.widths(weight))
-        third = _trilinear(self.stack, self._reach(box), gather(self.stack, box), turn, turn)
-        return np.asarray(centre + apply(self.gains, third) + self.linear.curvature_margin(weight))
-
-    def _first(self, radius: Array) -> Array:
-        width = np.concatenate([self.linear.half, radius], axis=1)
-        return np.asarray((self.mixed @ width[:, None, :, None])[..., 0])
-
-    def _reach(self, box: Array) -> Array:
-        return chain_reach(self.stack, self.arms, self.position, gather(self.stack, box), self.linear.rounding)
-
-
-def reach_bounds(stack: ChainStack, theta: Array, values: Derivatives, frame: Frame) -> ReachBounds:
-    """Reach bounds of boxes centred at θ (B, n′) with the derivatives there."""
-    linear = linear_part(frame, values.phi, values.jacobian)
-    count, m, size = values.jacobian.shape
-    second = (frame.preconditioner @ values.hessian.reshape(count, m, size**2)).reshape(values.hessian.shape)
-    directions, half = frame.directions[:, None], frame.half[:, None]
-    quadratic = np.abs(np.swapaxes(directions, 2, 3) @ (second @ directions))
-    square = (half[..., None, :] @ quadratic @ half[..., None])[..., 0, 0]
-    along = np.swapaxes(second @ frame.modes[:, None], 2, 3)
-    mixed = np.abs(along @ np.concatenate([frame.directions, frame.modes], axis=2)[:, None])
-    gains = np.swapaxes(np.linalg.norm(frame.preconditioner[:, None] @ stack.weights, axis=3), 1, 2)
-    position, moves = gather(stack, np.abs(theta)), gather(stack, linear.moves)
-    third = _trilinear(stack, chain_reach(stack, values.arms, position, moves, frame.rounding), moves, moves, moves)
-    y = linear.constant + 0.5 * square + apply(gains, third) / 6.0
-    return ReachBounds(stack, linear, y, mixed, gains, position, values.arms)
-
-
-def chain_reach(stack: ChainStack, arms: Array, position: Array, box: Array, rounding: Array) -> Array:
-    """ρ ≥ |b_l| for every joint wherever the joints move by at most `box`; everything of shape (B, C, k).
-
-    Args:
-        stack: The chains.
-        arms: |b_l| at the centre, with errors of at most `rounding` (B,).
-        position: |θ| at the centre, for slides.
-        box: The joints' moves.
-        rounding: Of shape (B,).
-    """
-    reach = np.empty_like(arms)
-    slide_reach = stack.sliding * stack.points[:, None]
-    travel = slide_reach * (position + box)
-    lengths = np.linalg.norm(stack.translations, axis=2) * stack.points[:, None]
-    length = np.broadcast_to(np.linalg.norm(stack.tips, axis=1), arms.shape[:2])
-    drift = np.zeros(arms.shape[:2])
-    for j in reversed(range(arms.shape[2])):
-        length = length + travel[..., j]
-        shorter = np.minimum(length, arms[..., j] + rounding[:, None] + drift)
-        reach[..., j] = stack.turning[:, j] * shorter + slide_reach[:, j]
-        drift = drift + reach[..., j] * box[..., j]
-        length = length + lengths[:, j]
-    return reach
-
-
-def _trilinear(stack: ChainStack, reach: Array, x: Array, y: Array, z: Array) -> Array:
-    """T_c(x, y, z), of shape (B, C): by deepest joint, the other two summed over turning joints not deeper."""
-    x_turn, y_turn, z_turn = x * stack.turning, y * stack.turning, z * stack.turning
-    y_to, z_to = np.cumsum(y_turn, axis=2), np.cumsum(z_turn, axis=2)
-    x_above, y_above = np.zeros_like(x), np.zeros_like(y)
-    x_above[..., 1:], y_above[..., 1:] = np.cumsum(x_turn, axis=2)[..., :-1], y_to[..., :-1]
-    return np.asarray(np.sum(reach * ((x * y_to + x_above * y) * z_to + x_above * y_above * z), axis=2))

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask
-from ccpin.proof.chains import Chain, ClosureSystem, move, stack_chains
+from ccpin.proof.chains import Chain, ClosureSystem, stack_chains
 from ccpin.proof.rounding import widened
+from ccpin.proof.tips import move
 
 _SAME = 1e-12
 _SLACK = 1e-9  # of the sums: far above rounding

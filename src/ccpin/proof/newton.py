@@ -1,8 +1,8 @@
 """One interval Newton: existence and uniqueness of σ over boxes, and of points (a parametric Krawczyk operator).
 
-Theorem K and the corollary of gluing are stated and proved in `ccpin/proof/theorems/boxes.md`, the contraction lemma in
-`extended.md`. Boxes are proposed elsewhere; their inequalities are checked here: Y, Z and Z̄ from `bounds`, (K1) and
-(K2) in `verify`.
+Theorem N and lemma G are stated and proved in `ccpin/proof/theorems/theorem_n.md`, the contraction lemma in
+`extended.md`. Boxes are proposed elsewhere; their inequalities are checked here: Y, Z and Z̄ from `bounds`, (N1) and
+(N2) in `check`.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, inverses, rows_of, solve_many
 from ccpin.errors import ConvergenceError
-from ccpin.proof.bounds import Bounds, Frame, reach_bounds
-from ccpin.proof.chains import ClosureSystem, derivatives
-from ccpin.proof.equations import Problem, closure_values
-from ccpin.proof.phasors import phasor_values, planar_bounds
-from ccpin.proof.rounding import SLACK, blur, widened
+from ccpin.proof.bounds import Bounds, Frame
+from ccpin.proof.chains import ClosureSystem
+from ccpin.proof.equations import Closures, Problem, closure_values, closures_of
+from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, blur, widened
 
+_PART = 256
 _POWERS = 8
 _ROUNDED = 1e-9  # room in κ for bounds computed in another order (the compiled core's)
 
 
 class Boxes(NamedTuple):
-    """B certified boxes, exactly the data of Theorem K.
+    """B certified boxes, exactly the data of Theorem N.
 
     Attributes:
         centre: θ_c, of shape (B, n′).
@@ -57,50 +57,72 @@ class Boxes(NamedTuple):
         return none._replace(half=np.zeros((0, p)), directions=np.zeros((0, self.centre.shape[1], p)))
 
 
+class Checked(NamedTuple):
+    """Which of B boxes fulfil (N1) and (N2), (B,), and Z̄(R)R of these, (B, m)."""
+
+    proved: Mask
+    image: Array
+
+
+def check(equations: Closures, boxes: Boxes) -> Checked:
+    """(N1) and (N2) of boxes from their numbers alone: with phasors, where there are any, or else with reach bounds."""
+    found = Checked(np.zeros(len(boxes.kappa), dtype=np.bool_), np.zeros_like(boxes.radius))
+    plain = np.all(boxes.modes == np.eye(equations.system.m), axis=(1, 2))
+    for reach in (False, True) if equations.phasors is not None else (True,):
+        for alike in (plain, ~plain):
+            rows = np.flatnonzero(alike & ~found.proved)
+            for first in range(0, len(rows), _PART):
+                part = rows[first : first + _PART]
+                some = boxes.take(part)
+                with np.errstate(all="ignore"):
+                    bounds = equations.bounds(some.centre, frame_of(equations, some), reach)
+                    found.proved[part], found.image[part] = holds(bounds, some)
+    return found
+
+
+def holds(bounds: Bounds, boxes: Boxes) -> Checked:
+    """Whether (N1) Y + Z̄(R)R < R and (N2) Z(R)w ≤ κw, κ < 1, w > 0 hold, given bounds of B boxes."""
+    radius, weight = boxes.radius, boxes.weight
+    image, shrunk = bounds.mean(radius).of(radius), bounds.contraction(radius, weight).of(weight)
+    inside = np.all((bounds.y + image) * SLACK < radius, axis=1)
+    contracts = np.all(shrunk * SLACK <= boxes.kappa[:, None] * weight, axis=1)
+    finite = np.isfinite(bounds.y + image + shrunk).all(axis=1) & (boxes.kappa < 1.0)
+    return Checked(np.asarray(inside & contracts & finite & np.all(weight > 0.0, axis=1)), image)
+
+
 def bounds_of(problem: Problem, boxes: Boxes, modes: Array | None = None) -> Bounds:
-    """The bounds that Theorem K needs, for boxes as given (h is widened here), or with another E (B, n′, m)."""
-    system, theta = problem.system, boxes.centre
+    """The bounds that Theorem N needs, for boxes as given (h is widened here), or with another E (B, n′, m)."""
+    equations = closures_of(problem)
+    return equations.bounds(boxes.centre, frame_of(equations, boxes, modes))
+
+
+def frame_of(equations: Closures, boxes: Boxes, modes: Array | None = None) -> Frame:
+    """Boxes as Theorem N has them: E = [0; V] if no other is given, h widened."""
+    system, theta = equations.system, boxes.centre
     if modes is None:
         modes = np.zeros((*theta.shape, system.m))
         modes[:, system.dependent] = boxes.modes
-    half = widened(measured_from(system, boxes), boxes.half)
-    frame = Frame(boxes.preconditioner, boxes.directions, modes, half, system.rounding * system.magnitude(theta))
-    if problem.phasors is not None:
-        return planar_bounds(problem.phasors, phasor_values(problem.phasors, theta), frame)
-    return reach_bounds(problem.stack, theta, derivatives(system, problem.stack, theta), frame)
+    return Frame(boxes.preconditioner, boxes.directions, modes, reached(system, boxes), equations.rounding(theta))
 
 
-def measured_from(system: ClosureSystem, boxes: Boxes) -> Array:
-    """What the parameters δ are measured from, for `widened`: q_c, of shape (B, n), where they are those of q-space.
-
-    Else |θ_c| at most, of shape (B, 1).
-    """
+def reached(system: ClosureSystem, boxes: Boxes) -> Array:
+    """h as the theorem has it, widened: by what δ is measured from, q_c where the parameters are q, else |θ_c|."""
     if boxes.half.shape[1] == system.n:
-        return np.asarray(boxes.centre[:, system.independent])
-    return np.asarray(np.abs(boxes.centre).max(axis=1, keepdims=True))
+        return widened(boxes.centre[:, system.independent], boxes.half)
+    return widened(np.abs(boxes.centre).max(axis=1, initial=0.0, keepdims=True), boxes.half)
 
 
-def verify(problem: Problem, boxes: Boxes) -> Mask:
-    """Check (K1) and (K2) for boxes as they are, from scratch; of shape (B,)."""
-    with np.errstate(all="ignore"):
-        return inequalities_hold(bounds_of(problem, boxes), boxes)
-
-
-def inequalities_hold(bounds: Bounds, boxes: Boxes) -> Mask:
-    """(K1) and (K2) with these bounds, of shape (B,)."""
-    radius, weight = boxes.radius, boxes.weight
-    image = bounds.y + bounds.mean(radius).of(radius)
-    shrunk = bounds.contraction(radius, weight).of(weight)
-    inside = np.all(image * SLACK < radius, axis=1)
-    contracts = np.all(shrunk * SLACK <= boxes.kappa[:, None] * weight, axis=1)
-    finite = np.isfinite(image + shrunk).all(axis=1) & (boxes.kappa < 1.0)
-    return np.asarray(inside & contracts & finite & np.all(weight > 0.0, axis=1))
+def noise_of(equations: Closures, boxes: Boxes) -> Array:
+    """What f may be off by in the boxes, of shape (B, m)."""
+    size = np.abs(boxes.centre) + apply(np.abs(boxes.directions), boxes.half)
+    size[:, equations.system.dependent] += apply(np.abs(boxes.modes), boxes.radius)
+    return np.asarray(np.abs(boxes.preconditioner).sum(axis=2) * equations.rounding(size)[:, None])
 
 
 def weights_for(bounds: Bounds, radius: Array) -> tuple[Array, Array]:
     """A w > 0 with Zw ≤ κw, κ < 1 where the spectral radius allows it, from w = (I − M)⁻¹(1 + t(1)) by power steps.
 
-    The inequality is checked with the factors that (K2) is, so where κ < 1 the spectral radius of Z is proved to be.
+    The inequality is checked with the factors that (N2) is, so where κ < 1 the spectral radius of Z is proved to be.
 
     Returns:
         w, of shape (B, m), and κ, of shape (B,).
@@ -149,12 +171,12 @@ def solve_in_boxes(problem: Problem, boxes: Boxes, delta: Array) -> EnclosedSolu
     """σ at parameters |δ| ≤ h of B proved boxes; it cannot fail.
 
     A Newton step is taken where it stays in the tube and lowers ‖f‖ (in the box's norm) at least by κ, the step
-    ζ ← K(ζ) where it does not. K keeps the tube and contracts by κ (Theorem K), so ‖f(ζ)‖ = ‖ζ − K(ζ)‖ falls by κ at
+    ζ ← K(ζ) where it does not. K keeps the tube and contracts by κ (Theorem N), so ‖f(ζ)‖ = ‖ζ − K(ζ)‖ falls by κ at
     least in every step, until rounding; then ‖ζ − ζ*‖ ≤ ‖f(ζ)‖/(1 − κ).
     """
     active = np.arange(len(delta))
     zeta, size = np.zeros_like(boxes.radius), np.empty(len(delta))
-    margin = _rounding(problem, boxes)
+    margin = np.max(noise_of(closures_of(problem), boxes) / boxes.weight, axis=1)
     here, at = boxes, zeta
     now = _evaluate(problem, here, delta, at)
     for _ in range(_MOST_STEPS):
@@ -198,13 +220,6 @@ def _step(problem: Problem, boxes: Boxes, delta: Array, zeta: Array, now: _Evalu
     return trial, after
 
 
-def _rounding(problem: Problem, boxes: Boxes) -> Array:
-    """The rounding error of ‖f‖ in the boxes' norms, of shape (B,)."""
-    gain = np.max(np.abs(boxes.preconditioner).sum(axis=2) / boxes.weight, axis=1)
-    reach = np.abs(boxes.centre) + apply(np.abs(boxes.directions), boxes.half)
-    return np.asarray(gain * problem.system.rounding * problem.system.magnitude(reach))
-
-
 def without_turns(gap: Array, periodic: Mask) -> Array:
     """Differences (…, k) without the whole turns of those of the k coordinates that are periodic."""
     return np.asarray(gap - np.where(periodic, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0))
@@ -212,7 +227,7 @@ def without_turns(gap: Array, periodic: Mask) -> Array:
 
 def within(problem: Problem, boxes: Boxes, delta: Array) -> Mask:
     """Whether parameters δ (B, p) are of the boxes that their theorem is about, of shape (B,)."""
-    return np.asarray(np.all(np.abs(delta) <= widened(measured_from(problem.system, boxes), boxes.half), axis=1))
+    return np.asarray(np.all(np.abs(delta) <= reached(problem.system, boxes), axis=1))
 
 
 def encloses(
@@ -220,23 +235,53 @@ def encloses(
 ) -> Mask:
     """Whether solutions known as θ + modes · [−error, error] (dependent coordinates) lie in the boxes' tubes at δ.
 
-    Periodic coordinates are compared modulo 2π; 1e-13 is allowed for rounding, and what δ may be off by. Near
-    singularities an error is large in one direction and must be small in the others, so it may be given (B, m) in modes
-    (B, m, m; default I).
+    Near singularities an error is large in one direction and must be small in the others, so it may be given (B, m) in
+    modes (B, m, m; default I).
     """
-    system = problem.system
-    gap = (theta - predict(problem, boxes, delta))[:, system.dependent]
-    gap = without_turns(gap, system.periodic[system.dependent])
-    inverse = inverses(boxes.modes)
-    rounding = 1e-13 * (1.0 + np.abs(theta[:, system.dependent]))
-    rounding += apply(np.abs(boxes.directions[:, system.dependent]), blur(delta))
-    reach = np.abs(apply(inverse, gap)) + apply(np.abs(inverse), rounding)
-    spread = inverse if modes is None else inverse @ modes
-    reach += apply(np.abs(spread), error)
-    return np.asarray(np.all(reach * SLACK <= boxes.radius, axis=1))
+    dependent = problem.system.dependent
+    blurred = apply(np.abs(boxes.directions[:, dependent]), blur(delta))
+    plain = np.array_equal(boxes.modes, np.broadcast_to(np.eye(len(dependent)), boxes.modes.shape))
+    tubes = TubesAt(predict(problem, boxes, delta), boxes.radius, None if plain else boxes.modes)
+    return in_tubes(problem.system, tubes, blurred, SolutionBall(theta, error, modes))
 
 
-UNIT = 2.0**-53
+class SolutionBall(NamedTuple):
+    """What solutions are known to: θ (B, n′) and V · [−error, error] (B, m) in the dependent coordinates."""
+
+    theta: Array
+    error: Array
+    modes: Array | None
+
+
+class TubesAt(NamedTuple):
+    """θ_c + Dδ (B, n′) of boxes, their R (B, m), and their V (B, m, m), where it is not I."""
+
+    base: Array
+    radius: Array
+    modes: Array | None
+
+
+def in_tubes(system: ClosureSystem, tubes: TubesAt, blurred: Array, ball: SolutionBall) -> Mask:
+    """Whether what balls hold lies in tubes, whose q and so θ_c + Dδ may be off by `blurred` (B, m); of shape (B,).
+
+    Periodic coordinates are compared modulo 2π; 1e-13 is allowed for rounding.
+    """
+    gap = without_turns((ball.theta - tubes.base)[:, system.dependent], system.periodic[system.dependent])
+    blurred = blurred + 1e-13 * (1.0 + np.abs(ball.theta[:, system.dependent]))
+    if tubes.modes is None and ball.modes is None:
+        return np.asarray(np.all((np.abs(gap) + blurred + ball.error) * SLACK <= tubes.radius, axis=1))
+    unit, roundings = np.eye(system.m), (system.m + 2) * UNIT_ROUNDOFF
+    modes = np.broadcast_to(unit, (len(gap), *unit.shape)) if tubes.modes is None else tubes.modes
+    inverse, turned = inverses(modes), unit if ball.modes is None else ball.modes
+    size = np.abs(inverse)
+    wrong = np.abs(unit - inverse @ modes) + roundings * (unit + size @ np.abs(modes))
+    spread = np.abs(inverse @ turned) + roundings * (size @ np.abs(turned))
+    reach = np.abs(apply(inverse, gap)) + apply(size, blurred) + apply(spread, ball.error)
+    defect = wrong.sum(axis=2).max(axis=1)
+    reach += (2.0 * defect * reach.max(axis=1))[:, None]  # Vζ = x has |ζ| ≤ |Mx| + X|ζ|, M the inverse as computed
+    return np.asarray((defect < 0.5) & np.all(reach * SLACK <= tubes.radius, axis=1))
+
+
 _RADII = (2.0, 8.0, 64.0)
 
 
@@ -254,10 +299,10 @@ def proved_within(
     """
     inverse, count = inverses(slope), slope.shape[1]
     size = np.abs(inverse)
-    wrong = np.broadcast_to((weight * (rounding.max(axis=(1, 2)) + 4.0 * UNIT))[:, None], value.shape)
-    wrong = wrong + 8.0 * count * UNIT * np.abs(value)
+    wrong = np.broadcast_to((weight * (rounding.max(axis=(1, 2)) + 4.0 * UNIT_ROUNDOFF))[:, None], value.shape)
+    wrong = wrong + 8.0 * count * UNIT_ROUNDOFF * np.abs(value)
     left = np.max(np.abs(apply(inverse, value)) + apply(size, wrong), axis=1)
-    defect = np.abs(np.eye(count) - inverse @ slope) + size @ (rounding + 8.0 * count * UNIT * np.abs(slope))
+    defect = np.abs(np.eye(count) - inverse @ slope) + size @ (rounding + 8.0 * count * UNIT_ROUNDOFF * np.abs(slope))
     found, rows = np.full(len(slope), np.nan), np.flatnonzero(np.isfinite(left))
     for factor in _RADII:
         radius = factor * left[rows]

@@ -1,4 +1,4 @@
-"""What is asked of a box of task space besides Theorem K: limits, motors that determine the motion, dexterity.
+"""What is asked of a box of task space besides Theorem N: limits, motors that determine the motion, dexterity.
 
 Theorem D and what it says of motors, dexterity and limits are in `ccpin/proof/theorems/demands.md`.
 """

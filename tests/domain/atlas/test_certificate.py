@@ -1,4 +1,4 @@
-"""Theorem K: its bounds against what they bound, its boxes against closed forms, wrong claims against its check."""
+"""Theorem N: its bounds against what they bound, its boxes against closed forms, wrong claims against its check."""
 
 from dataclasses import replace
 
@@ -14,9 +14,8 @@ from ccpin.domain import certify_path, kantorovich_radius
 from ccpin.domain.atlas.square import newton_steps
 from ccpin.domain.closures.system import reading_of
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
-from ccpin.proof.chains import derivatives, first_order, stack_chains
-from ccpin.proof.equations import closure_values, problem_of
-from ccpin.proof.newton import bounds_of, predict, solve_in_boxes, verify
+from ccpin.proof.equations import closure_values, closures_of, derivatives, problem_of
+from ccpin.proof.newton import bounds_of, check, predict, solve_in_boxes
 from tests.oracles import rpdr as oracle
 from tests.support.ball_joint import ball_joint
 from tests.support.closures import ARMS, KINDS, PLANAR, SPATIAL, closed_problem, two_arms
@@ -87,8 +86,8 @@ def test_chains_give_the_constraints_of_every_kind_of_joint_and_closure(arms, ki
     system = reading.system
     constraints, rng = mechanism.constraints(), np.random.default_rng(5)
     theta = rng.uniform(-1.2, 1.2, (6, mechanism.n_free))
-    stack, step = stack_chains(system.chains, system.n_free, system.m), 1e-6
-    phi, jacobian = first_order(system, stack, theta)[:2]
+    step = 1e-6
+    phi, jacobian = closure_values(problem_of(system, "reach"), theta)
     for k, row in enumerate(theta):
         assert np.abs(phi[k] - constraints.residual(reading.configuration(row))).max() < 1e-13
         for j in range(mechanism.n_free):
@@ -106,7 +105,7 @@ def test_second_derivatives(name):
     system, constraints = reading_of(mechanism, mechanism.q_reference).system, mechanism.constraints()
     rng, step = np.random.default_rng(0), 1e-6
     theta = rng.uniform(-3, 3, (3, mechanism.n_free))
-    found = derivatives(system, stack_chains(system.chains, system.n_free, system.m), theta)
+    found = derivatives(problem_of(system, "reach"), theta)
     for k, row in enumerate(theta):
         along = rng.standard_normal(len(row))
         ahead = constraints.value(row + step * along).jacobian
@@ -131,7 +130,7 @@ def test_bounds_bound_for_every_kind_of_closure(arms, kind):
     mechanism = two_arms(arms, kind)
     system = reading_of(mechanism, mechanism.q_reference).system
     theta = np.random.default_rng(8).uniform(-0.8, 0.8, mechanism.n_free)
-    jacobian = first_order(system, stack_chains(system.chains, system.n_free, system.m), theta[None])[1][0]
+    jacobian = closure_values(problem_of(system, "reach"), theta[None])[1][0]
     order = qr(jacobian, pivoting=True)[2]  # the best conditioned choice of dependent coordinates comes first
     system = replace(system, dependent=np.sort(order[: system.m]), independent=np.sort(order[system.m :]))
     assert_bounds_hold(problem_of(system, "reach"), theta, trials=60)
@@ -185,7 +184,7 @@ def test_wrong_claims_are_caught(rpdr):
     attempt = certify_boxes(problem, theta[None], half, np.eye(2))
     boxes = attempt.boxes
     assert attempt.proved[0]
-    assert verify(problem, boxes)[0]
+    assert check(closures_of(problem), boxes).proved[0]
     wrong = {
         "wider square": altered(boxes, half=np.radians(5.0)),
         "wider tube": boxes._replace(radius=boxes.radius * 30),
@@ -200,7 +199,7 @@ def test_wrong_claims_are_caught(rpdr):
         "not a number": boxes._replace(centre=np.full((1, 4), np.nan)),
     }
     for reason, claim in wrong.items():
-        assert not verify(problem, claim)[0], reason
+        assert not check(closures_of(problem), claim).proved[0], reason
 
 
 def test_other_assembly_mode_is_not_glued(rpdr):

@@ -7,9 +7,11 @@ from scipy.optimize import brentq
 
 import ccpin
 from ccpin.domain import certify_path, scalar_coordinates_at
-from ccpin.domain.paths.pieces import chord_of, pieces_of
+from ccpin.domain.paths.pieces import pieces_of
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
-from ccpin.proof.newton import verify
+from ccpin.proof.chords import chord_of
+from ccpin.proof.equations import closures_of
+from ccpin.proof.newton import check
 from tests.oracles import delta as delta_oracle
 from tests.oracles import rpdr as oracle
 from tests.oracles import stewart as stewart_oracle
@@ -44,7 +46,7 @@ def test_straight_move_of_the_case_study(rpdr, bounds):
     assert path.verdict == "proven"
     assert path.reason.startswith("σ stays on its branch")
     assert path.reached == 1.0
-    assert np.all(verify(path.problem, path.boxes))
+    assert np.all(check(closures_of(path.problem), path.boxes).proved)
     for t in np.linspace(0.0, 1.0, 23):
         found = path.sigma(t)
         assert np.abs(found[[0, 2]] - (1 - t) * WAYPOINTS[0] - t * WAYPOINTS[-1]).max() < 1e-14

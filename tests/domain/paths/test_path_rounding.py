@@ -11,9 +11,10 @@ import ccpin
 from ccpin.domain import certify_path
 from ccpin.domain.closures.seeds import seed_at_coordinates
 from ccpin.domain.paths.path import _targets
-from ccpin.domain.paths.pieces import chord_of, pieces_of, points_of
+from ccpin.domain.paths.pieces import pieces_of
 from ccpin.domain.paths.walker import Walker
 from ccpin.errors import InvalidInputError
+from ccpin.proof.chords import chord_of, points_of
 
 GAP = 9e-10
 

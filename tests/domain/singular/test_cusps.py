@@ -8,7 +8,8 @@ from ccpin import domain
 from ccpin.domain.closures.system import reading_of
 from ccpin.domain.singular.cusp_points import _CuspEquations, proved_cusps
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.proof.chains import derivatives, third_along
+from ccpin.proof.equations import derivatives
+from ccpin.proof.tips import third_along
 from tests.oracles import planar_3rpr as oracle
 from tests.support.legs import load_slice
 
@@ -64,7 +65,7 @@ def test_third_derivatives_against_differences(name):
     at = reading(ccpin.load(name)).problem
     rng = np.random.default_rng(6)
     theta, v, step = rng.normal(size=(1, at.system.n_free)), rng.normal(size=(1, at.system.n_free)), 1e-5
-    ends = [derivatives(at.system, at.stack, theta + side * step * v).hessian for side in (1.0, -1.0)]
+    ends = [derivatives(at, theta + side * step * v).hessian for side in (1.0, -1.0)]
     expected = (ends[0] - ends[1]) / (2.0 * step)
     assert np.abs(third_along(at.system, at.stack, theta, v) - expected).max() < 1e-8
 

@@ -19,29 +19,38 @@ ROOMS: tuple[Room, ...] = (
         _BOUNDS,
     ),
     Room(
-        "proof/bounds",
+        "proof/taylor",
         (
-            "reach_bounds",
-            "chain_reach",
-            "_trilinear",
-            "ReachBounds.mean",
-            "ReachBounds.contraction",
-            "ReachBounds.curvature",
-            "ReachBounds._first",
-            "ReachBounds._reach",
+            "taylor_bounds",
+            "_mixed",
+            "_selected",
+            "selected",
+            "Pattern.along",
+            "Pattern.dense",
+            "TaylorBounds.mean",
+            "TaylorBounds.contraction",
+            "TaylorBounds.curvature",
+            "TaylorBounds._matrix",
+            "_Selected.times",
+            "_Mixed.times",
         ),
-        _BOUNDS,
+        ("proof/test_sharp_taylor.py", *_BOUNDS),
     ),
+    Room("proof/reach_bounds", ("ChainLengths.of", "ChainLengths.reach", "trilinear", "ReachDrift.over"), _BOUNDS),
     Room(
         "proof/newton",
-        ("inequalities_hold", "bounds_of", "measured_from"),
+        ("holds", "frame_of", "reached", "noise_of"),
         _BOUNDS,
         (
-            ("np.isfinite(image + shrunk)", "without shrunk", "a Z that is no number fails (K2) too"),
-            ("np.isfinite(image + shrunk)", "any instead of all", "what is no number fails (K1) or (K2) too"),
+            ("np.isfinite(bounds.y + image + shrunk)", "without shrunk", "a Z that is no number fails (N2) too"),
+            (
+                "np.isfinite(bounds.y + image + shrunk)",
+                "any instead of all",
+                "what is no number fails (N1) or (N2) too",
+            ),
         ),
     ),
-    Room("proof/newton", ("encloses", "without_turns", "_rounding"), _BOUNDS),
+    Room("proof/newton", ("in_tubes", "encloses", "without_turns"), _BOUNDS),
     Room(
         "proof/phasors",
         (
@@ -93,7 +102,7 @@ ROOMS: tuple[Room, ...] = (
     Room("proof/equations", ("third_bound",), _BOUNDS),
     Room(
         "proof/newton",
-        ("proved_within", "UNIT"),
+        ("proved_within",),
         ("proof/test_sharp_extended.py", _EVERY),
         (
             ("(kappa * SLACK < 1.0)", "not asked: kappa * SLACK < 1.0", "follows from the first"),
@@ -117,6 +126,16 @@ ROOMS: tuple[Room, ...] = (
         ("sum_of", "product_of", "_halves"),
         ("proof/test_rounding.py::test_sums_and_products_are_exact",),
         (("moved = a * 134217729.0", "× 0.9", "halves of 26 bits and 27 have exact products too"),),
+    ),
+    Room(
+        "proof/covers",
+        ("halved", "LeafFaces.turns", "faces_of", "_parted", "one_function"),
+        ("proof/test_sharp_covers.py",),
+        (
+            ("ended = (child[pairs.upper] < 0)", "0 let in", "no part is the region: its cell would have two parents"),
+            ("tree.reached & (child >= 0)", "0 left out", "no part is the region: its cell would have two parents"),
+            ("first = child[pairs.upper] >= 0", "0 left out", "no part is the region: its cell would have two parents"),
+        ),
     ),
     Room(
         "proof/digests",

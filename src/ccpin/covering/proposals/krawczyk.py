@@ -1,4 +1,4 @@
-"""Boxes of Theorem K, proposed: directions, modes, preconditioner and radii; `ccpin.proof.newton` checks them."""
+"""Boxes of Theorem N, proposed: directions, modes, preconditioner and radii; `ccpin.proof.newton` checks them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ccpin.native.certifier import certifier
 from ccpin.proof.bounds import Bounds
 from ccpin.proof.chains import ClosureSystem
 from ccpin.proof.equations import Problem, closure_values
-from ccpin.proof.newton import Boxes, bounds_of, inequalities_hold, weights_for
+from ccpin.proof.newton import Boxes, bounds_of, holds, weights_for
 
 _INFLATION = 1e-4
 _SETTLED = 1.0 + 1e-6
@@ -21,7 +21,7 @@ _LARGEST = 1e6
 
 
 class Tried(NamedTuple):
-    """Boxes tried, and which of them satisfy Theorem K (the others' numbers mean nothing)."""
+    """Boxes tried, and which of them satisfy Theorem N (the others' numbers mean nothing)."""
 
     boxes: Boxes
     proved: Mask
@@ -127,7 +127,7 @@ def _attempt(problem: Problem, boxes: Boxes, roomy: bool) -> Tried:
     if candidates.size:
         bounds = bounds.take(candidates)
         boxes.weight[candidates], boxes.kappa[candidates] = weights_for(bounds, radius[candidates])
-        proved[candidates] = inequalities_hold(bounds, boxes.take(candidates))
+        proved[candidates] = holds(bounds, boxes.take(candidates)).proved
     return Tried(boxes, proved)
 
 

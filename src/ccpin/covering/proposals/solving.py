@@ -9,8 +9,7 @@ import numpy as np
 from ccpin.arrays import Array, Indices, Mask, apply, inverses, solve_many
 from ccpin.covering.proposals.krawczyk import certify_points
 from ccpin.native.certifier import certifier
-from ccpin.proof.chains import Derivatives, derivatives
-from ccpin.proof.equations import Problem, closure_values
+from ccpin.proof.equations import Derivatives, Problem, closure_values, derivatives
 from ccpin.proof.newton import Boxes, encloses, solve_in_boxes, within
 
 _LARGEST_STEP = 1.5
@@ -95,7 +94,7 @@ def closure_derivatives(problem: Problem, theta: Array) -> Derivatives:
     core = certifier(problem.system, problem.phasors)
     if core is not None:
         return Derivatives(*core.derivatives(theta))
-    return derivatives(problem.system, problem.stack, theta)
+    return derivatives(problem, theta)
 
 
 class SquareSystem(Protocol[P]):

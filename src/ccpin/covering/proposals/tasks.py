@@ -61,7 +61,7 @@ def glue_task(problem: Problem, arrays: Arrays) -> Arrays:
 
 
 def prove(problem: Problem, cells: CellsToProve) -> Proved:
-    """Follow σ from each start to its cell's centre and try Theorem K there."""
+    """Follow σ from each start to its cell's centre and try Theorem N there."""
     system = problem.system
     with np.errstate(all="ignore"):
         at_face = newton(problem, cells.start, _AT_FACE, _NEAR)

@@ -1,14 +1,14 @@
 """The atlas: a region of q-space in boxes on each of which σ is proved to exist, be unique and be smooth.
 
-What is claimed. Each box satisfies Theorem K of `boxes`; each was glued to an earlier one at a common face, the
-first to the closed configuration at q₀. So through every certified q runs a chain of boxes along which σ(q₀) continues
-to σ(q) without meeting a singularity, and `Atlas.sigma` returns that continuation. Where, moreover, `single_valued` is
-true, the boxes on the two sides of every shared face carry the same σ: it is one continuous function on the union of
-the boxes (angles modulo 2π), whatever the way from q₀. Nonsingularity alone would not say so: a mechanism may
-change assembly mode without meeting a singularity, and the faces where that shows are listed in `unglued`;
-`ccpin.domain.certify_sheets` then tells the layers apart. `contains`, `sigma` and radii are about a part of the
-certified set on which σ is one function all the same (`one_function`): no two of its boxes meet at a face that is
-unglued, and ways over glued faces join them all to q₀'s.
+What is claimed, and proved by the kernel (`ccpin.proof`): each box satisfies Theorem N; each was glued to an earlier
+one at a common face, the first to the closed configuration at q₀. So through every certified q runs a chain of boxes
+along which σ(q₀) continues to σ(q) without meeting a singularity, and `Atlas.sigma` returns that continuation. Where,
+moreover, `single_valued` is true, the boxes on the two sides of every shared face carry the same σ: it is one
+continuous function on the union of the boxes (angles modulo 2π), whatever the way from q₀. Nonsingularity alone would
+not say so: a mechanism may change assembly mode without meeting a singularity, and the faces where that shows are
+listed in `unglued`; `ccpin.domain.certify_sheets` then tells the layers apart. `contains`, `sigma` and radii are about
+a part of the certified set on which σ is one function all the same (`one_function`): no two of its boxes meet at a
+face that is unglued, and ways over glued faces join them all to q₀'s.
 
 What is not claimed. Undecided cells are those not proved at the depth allowed; singular ones those of them over which a
 closed configuration is proved to be singular (`atlas.singular`), on whatever branch; unreached cells were not tried, as
@@ -18,21 +18,20 @@ configuration at all (`emptying`). Limits of dependent joints are not looked at.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ccpin.arrays import Array, Mask, numbers
 from ccpin.covering.cells import CellStatus, CellTree, SingularCells, leaves_about, place
-from ccpin.covering.faces import contacts_of
+from ccpin.covering.claims import proved_glue
 from ccpin.covering.proposals.solving import newton
 from ccpin.covering.region import Region
 from ccpin.displays import boxes, table
+from ccpin.domain.atlas.cover_claims import ProvedCover, proved_cover, seams_of
 from ccpin.domain.atlas.refuting import refutation_of
 from ccpin.domain.closures.packing import fingerprint_of, same_closures
 from ccpin.domain.closures.system import Reading
@@ -41,9 +40,12 @@ from ccpin.domain.documents.kinds import ATLAS
 from ccpin.domain.paths.obstacles import demand_witnesses
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.proof.equations import Problem
-from ccpin.proof.newton import Boxes, solve_in_boxes, verify
+from ccpin.proof.covers import one_function, over_region
+from ccpin.proof.equations import Problem, closures_of
+from ccpin.proof.facts import Fact, NotProvedError
+from ccpin.proof.newton import Boxes, check, solve_in_boxes
 from ccpin.proof.requirements import meets
+from ccpin.proof.solutions import boxes_of
 from ccpin.proof.verdict import Verdict, Witness, of_file
 
 _WITNESSES = 12
@@ -63,8 +65,8 @@ class Atlas:
         q0: The seed, of shape (n,).
         radius: Half width of the largest certified square about q₀, short of the nearest cell not certified and of the
             nearest face that is unglued.
-        boxes: The certified boxes, as Theorem K has them; `lower` and `upper` are their corners.
-        unglued: Pairs of boxes that share a face at which they could not be shown to carry the same σ, (K, 2).
+        solutions: The facts about its boxes.
+        proved: The facts about its cells and their faces; ``None`` of one from a file that was not replayed.
         complete: False where an interrupt ended the work; what is there is certified nevertheless.
         region: What was asked for.
         reading: The closures, and how their coordinates and configurations correspond.
@@ -72,14 +74,15 @@ class Atlas:
         seed: θ of the seed, of shape (n′,).
         singular: A singular configuration over each cell called so.
         source: The file it was loaded from, if it was: what it says rests on that file, but for its boxes, which `load`
-            proved again. `ccpin.auditing.verify` proves the rest.
+            proved again, and with `replay=True` for where σ is one function. `ccpin.auditing.verify` proves the rest.
+        told: Of one from a file that was not replayed, which pairs of boxes that says are unglued.
     """
 
     names: tuple[str, ...]
     q0: Array
     radius: float
-    boxes: Boxes
-    unglued: NDArray[np.int64]
+    solutions: tuple[Fact, ...]
+    proved: ProvedCover | None
     complete: bool
     region: Region
     reading: Reading
@@ -87,6 +90,26 @@ class Atlas:
     seed: Array
     singular: SingularCells
     source: str | None = None
+    told: NDArray[np.int64] | None = None
+
+    @cached_property
+    def boxes(self) -> Boxes:
+        """The certified boxes, as Theorem N has them; `lower` and `upper` are their corners."""
+        return boxes_of(self.solutions)
+
+    @property
+    def unglued(self) -> NDArray[np.int64]:
+        """Pairs of boxes that share a face at which they could not be shown to carry the same σ, (K, 2)."""
+        if self.proved is not None:
+            return np.asarray(self.proved.cover.found["unglued"])
+        return np.zeros((0, 2), dtype=np.int64) if self.told is None else self.told
+
+    def glue(self) -> tuple[Fact, ...]:
+        """The facts that glue its boxes; those of one from a file are proved now."""
+        if self.proved is not None:
+            return tuple(fact for fact in self.proved.cover.premises if fact not in self.solutions)
+        seams = seams_of(self.problem, self.region, self.tree, self.boxes)
+        return proved_glue(self.problem, seams, self.solutions)
 
     def __repr__(self) -> str:
         done = "" if self.complete else ", interrupted"
@@ -121,27 +144,16 @@ class Atlas:
 
     @cached_property
     def one_function(self) -> Mask:
-        """Boxes that together carry one continuous σ, among them that of q₀, of shape (B,); all, if `single_valued`.
-
-        Of two boxes that are unglued the later one is left out; what no way over glued faces joins to q₀'s then, too.
-        """
+        """Boxes that together carry one continuous σ, among them that of q₀, of shape (B,); all, if `single_valued`."""
         count = len(self.boxes.kappa)
         if self.single_valued or not count:
             return np.ones(count, dtype=np.bool_)
-        kept = np.ones(count, dtype=np.bool_)
-        first = int(self._cells_of(self.q0[None])[0])
-        if first < 0:
-            return np.zeros(count, dtype=np.bool_)
-        for a, b in np.sort(self.unglued, axis=1):
-            if kept[a] and kept[b]:
-                kept[a if b == first else b] = False
-        faces = contacts_of(self.tree, self.region, self.tree.leaves(CellStatus.CERTIFIED))
-        one, other = self.tree.box[faces.cell], self.tree.box[faces.leaf]
-        joined = np.flatnonzero(other >= 0)
-        joined = joined[kept[one[joined]] & kept[other[joined]]]
-        graph = coo_array((np.ones(len(joined)), (one[joined], other[joined])), shape=(count, count))
-        part = connected_components(graph, directed=False)[1]
-        return np.asarray(kept & (part == part[first]))
+        if self.proved is None:
+            seams = seams_of(self.problem, self.region, self.tree, self.boxes)
+            faces = np.stack([seams.first, seams.second], axis=1)
+        else:
+            faces = self.proved.cover.found["faces"]
+        return one_function(faces, self.unglued, int(self._cells_of(self.q0[None])[0]), count)
 
     @cached_property
     def witness(self) -> Witness | None:
@@ -163,7 +175,7 @@ class Atlas:
         return "undecided" if self.witness is None else "refuted"
 
     def _undecided(self) -> list[Array]:
-        """Middles of the largest cells undecided or not reached, where more than Theorem K was asked for."""
+        """Middles of the largest cells undecided or not reached, where more than Theorem N was asked for."""
         if self.problem.requirements is None:
             return []
         cells = self.tree.leaves(CellStatus.UNDECIDED, CellStatus.UNREACHED)
@@ -173,12 +185,14 @@ class Atlas:
 
     @property
     def _whole(self) -> bool:
-        return self.certified_fraction == 1.0 and self.single_valued
+        if self.proved is not None:
+            return over_region(self.proved.cover, self.proved.demanded, self.problem.requirements is not None)
+        return self.source is not None and self.certified_fraction == 1.0 and self.single_valued
 
     @property
     def reason(self) -> str:
-        """The verdict in a sentence; of one that was loaded, what of it rests on the file (`source`)."""
-        return self._reason + of_file(self.source)
+        """The verdict in a sentence; where it is not computed from facts, what of it rests on the file (`source`)."""
+        return self._reason + of_file(None if self.proved is not None and self._whole else self.source)
 
     @property
     def _reason(self) -> str:
@@ -276,8 +290,8 @@ class Atlas:
         return np.asarray(q_free[0] if np.ndim(q) == 1 else q_free)
 
     def verify(self) -> Mask:
-        """Check Theorem K for every box again, and what else was asked, from its data alone, of shape (B,)."""
-        return verify(self.problem, self.boxes) & meets(self.problem, self.boxes)
+        """Check Theorem N for every box again, and what else was asked, from its data alone, of shape (B,)."""
+        return check(closures_of(self.problem), self.boxes).proved & meets(self.problem, self.boxes)
 
     @property
     def fingerprint(self) -> str:
@@ -294,29 +308,53 @@ class Atlas:
 
     def save(self, path: str | Path) -> None:
         """Write the atlas to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
-        header, arrays = store.pack(store.Covering(self.reading, self.region, self.tree, self.boxes, self.singular))
+        header, arrays = store.pack(self)
         header |= {"names": list(self.names), "radius": self.radius, "complete": self.complete}
         arrays |= {"q0": self.q0, "seed": self.seed, "unglued": self.unglued}
         store.write(path, ATLAS, header, arrays)
 
     @classmethod
-    def load(cls, path: str | Path) -> Atlas:
+    def load(cls, path: str | Path, *, replay: bool = False) -> Atlas:
         """Read an atlas that `save` wrote. If the file may have been altered, call `verify` or `auditing.verify`.
 
+        Args:
+            path: The file.
+            replay: Whether to prove once more where its cells lie and at which faces its boxes carry the same σ; its
+                boxes are proved in any case.
+
         Raises:
-            InvalidInputError: The file cannot be read or is none, or a box in it is not proved.
+            InvalidInputError: The file cannot be read or is none, or what was proved of it is not found to hold.
         """
         with store.reading(path, ATLAS) as (header, arrays):
-            return cls(
+            held = store.unpack(header, arrays)
+            atlas = cls(
                 names=tuple(header["names"]),
                 q0=np.asarray(arrays["q0"], dtype=np.float64),
                 radius=header["radius"],
-                unglued=arrays["unglued"].astype(np.int64),
+                solutions=(held.solutions,),
+                proved=None,
                 complete=header["complete"],
+                region=held.region,
+                reading=held.reading,
+                tree=held.tree,
                 seed=np.asarray(arrays["seed"], dtype=np.float64),
-                **store.unpack(header, arrays)._asdict(),
+                singular=held.singular,
                 source=str(path),
+                told=arrays["unglued"].astype(np.int64),
             )
+            return atlas.replayed() if replay else atlas
+
+    def replayed(self) -> Atlas:
+        """The same with its cells and faces proved once more.
+
+        Raises:
+            InvalidInputError: They are not: the file was altered.
+        """
+        try:
+            proved = proved_cover(self.problem, self.region, self.tree, self.seed, self.solutions, self.glue())
+        except NotProvedError as error:
+            raise InvalidInputError(f"{error}: the file was altered") from error
+        return replace(self, proved=proved)
 
     def _points(self, q: ArrayLike) -> Array:
         points = np.atleast_2d(numbers(q, "q"))

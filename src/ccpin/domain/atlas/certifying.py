@@ -7,15 +7,16 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, joined, number, positive, whole
 from ccpin.covering.cells import CellStatus
+from ccpin.covering.claims import proved_boxes, proved_glue
 from ccpin.covering.region import LEVELS, Corners, Region
 from ccpin.covering.runner import Progress, Runner, Work, reporter
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cover import BUDGET, AtlasBuilder, SquareNorm
+from ccpin.domain.atlas.cover_claims import proved_cover, seams_of
 from ccpin.domain.atlas.emptying import prove_empty, search_empty
 from ccpin.domain.closures.searchable import region_of
 from ccpin.domain.closures.seeds import seed_at_coordinates
@@ -185,12 +186,18 @@ def certify_region(
                     builder.singular.append(found)
         except Stopped:
             complete = False
+        solutions, kept = proved_boxes(problem, builder.boxes)
+        if not kept.all():
+            builder.keep(kept)
+        seams = seams_of(problem, region, builder.tree, builder.boxes)
+        glue = proved_glue(problem, seams, (solutions,))
+        proved = proved_cover(problem, region, builder.tree, seed, (solutions,), glue)
     return Atlas(
         names=names,
         q0=builder.q0,
-        radius=builder.radius(),
-        boxes=builder.proved.trimmed(),
-        unglued=np.concatenate(builder.unglued).astype(np.int64),
+        radius=builder.radius(proved.cover.found["unglued"]),
+        solutions=(solutions,),
+        proved=proved,
         complete=complete,
         region=region,
         reading=reading,

@@ -1,10 +1,10 @@
-"""Building an atlas: an advancing front of cells from the seed, proved in waves and glued at every shared face.
+"""Building an atlas: an advancing front of cells from the seed, proved in waves.
 
 A cell becomes a candidate when a face neighbour is certified; σ is followed from the middle of the common face. A wave
 proves all candidates (or, looking for the largest square, those nearest the seed), glues each new box to the
-neighbour it came from (without which it is not accepted), splits what was not proved, and then glues the new boxes
-to all certified neighbours at every other shared face. What a wave contains depends on earlier waves only,
-never on who computed them, so every executor gives the same atlas, bit for bit.
+neighbour it came from (without which it is not accepted), and splits what was not proved; at all shared faces boxes are
+glued at the end, by the kernel. What a wave contains depends on earlier waves only, never on who computed them, so
+every executor gives the same atlas, bit for bit.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, rows_of
 from ccpin.covering.cells import CellStatus, CellTree, Growing, SingularCells, place
-from ccpin.covering.faces import CellFaces, contacts_of
+from ccpin.covering.faces import contacts_of
 from ccpin.covering.proposals.krawczyk import certify_points
 from ccpin.covering.proposals.tasks import CellsToProve, Proved, glue_boxes, prove_cells
 from ccpin.covering.region import LEVELS, WHOLE, Region
@@ -74,7 +74,6 @@ class AtlasBuilder:
     Attributes:
         tree: The cells.
         proved: The certified boxes.
-        unglued: Pairs of boxes with a common face at which they could not be shown to agree, arrays of shape (K, 2).
         singular: Cells found to hold singular configurations.
     """
 
@@ -100,7 +99,6 @@ class AtlasBuilder:
             )
         self._point = point.boxes
         self.proved = Growing(self._point.without_rows(problem.system.n))
-        self.unglued = [np.empty((0, 2), dtype=np.intp)]
         self.singular = [SingularCells.none(problem.system.n_free)]
         self._origins = Growing(_Origins.unknown(1, problem.system.n))
         self._at_seed = (region.reduce(self.q0[None])[0] - region.lower) / region.span * WHOLE
@@ -173,7 +171,15 @@ class AtlasBuilder:
         """Shortest edges (…, n), those of coordinates that are held at their whole."""
         return np.where(self.region.held, float(WHOLE), smallest)
 
-    def radius(self) -> float:
+    def keep(self, proved: Mask) -> None:
+        """Forget boxes that the kernel refuses; their cells are undecided."""
+        number, boxes = np.where(proved, np.cumsum(proved) - 1, -1), self.proved.trimmed().take(proved)
+        named = np.flatnonzero(self.tree.box >= 0)
+        self.tree.box[named] = number[self.tree.box[named]]
+        self.tree.status[named[self.tree.box[named] < 0]] = CellStatus.UNDECIDED
+        self.proved = Growing(boxes)
+
+    def radius(self, unglued: Indices) -> float:
         """Half width of the largest square about the seed that is certified, with one σ.
 
         The distance of the nearest other cell, and of the nearest unglued face: of the farther of its two cells.
@@ -183,7 +189,7 @@ class AtlasBuilder:
         cells = np.zeros(len(self.boxes.kappa), dtype=np.int64)
         certified = leaves[self.tree.status[leaves] == CellStatus.CERTIFIED]
         cells[self.tree.box[certified]] = certified
-        torn = [self.distance(cells[side]) for side in np.concatenate(self.unglued).T]
+        torn = [self.distance(cells[side]) for side in unglued.T]
         nearest = np.min(np.maximum(*torn), initial=self._edge())
         return float(max(0.0, np.min(other, initial=nearest) * (1.0 - 1e-12)))
 
@@ -275,14 +281,12 @@ class AtlasBuilder:
         if rows.size:
             parents = self.boxes.take(origins.box[rows])
             at_parent = self._delta(parents, origins.at_box[rows])
-            result[rows] = self._glue(parents, at_parent, boxes.take(origins.box >= 0), delta[rows])
+            children = boxes.take(origins.box >= 0)
+            result[rows] = glue_boxes(self.runner, parents, at_parent, children, delta[rows], self._chunk)
         for k in np.flatnonzero(origins.box < 0):
             one, ball = slice(k, k + 1), (self._point.centre, self._point.radius, self._point.modes)
             result[one] = encloses(self.problem, rows_of(boxes, one), delta[one], *ball)
         return result
-
-    def _glue(self, first: Boxes, delta: Array, second: Boxes, delta_second: Array) -> Mask:
-        return glue_boxes(self.runner, first, delta, second, delta_second, self._chunk)
 
     def _split(self, cells: Indices, stretch: Array, smallest: Array) -> Indices:
         """Halve cells along the edge σ stretches most; those that may not be halved are undecided. The new leaves."""
@@ -298,7 +302,7 @@ class AtlasBuilder:
         return self.tree.split(cells[splittable], cut[splittable])
 
     def _spread(self, done: Indices, children: Indices) -> None:
-        """Make neighbours of new boxes, and new leaves beside old boxes, candidates; glue new boxes to old ones."""
+        """Make neighbours of new boxes, and new leaves beside old boxes, candidates."""
         contacts = contacts_of(self.tree, self.region, np.concatenate([done, children]))
         status = self.tree.status
         outward = (status[contacts.cell] == CellStatus.CERTIFIED) & (status[contacts.leaf] == CellStatus.UNREACHED)
@@ -310,11 +314,6 @@ class AtlasBuilder:
             np.concatenate([contacts.at_leaf[outward], contacts.at_cell[inward]]),
             np.concatenate([contacts.area[outward], contacts.area[inward]]),
         )
-        both = (status[contacts.cell] == CellStatus.CERTIFIED) & (status[contacts.leaf] == CellStatus.CERTIFIED)
-        first, second = self.tree.box[contacts.cell], self.tree.box[contacts.leaf]
-        newest = len(self.boxes.kappa) - len(done)
-        once = (second < newest) | (first < second) | ((first == second) & contacts.upper)
-        self._check(rows_of(contacts, both & once))
 
     def _propose(self, cells: Indices, boxes: Indices, at_box: Array, at_cell: Array, area: Array) -> None:
         """Make cells candidates, each reached from the box with the largest common face (the oldest of equals)."""
@@ -327,18 +326,3 @@ class AtlasBuilder:
             at_cell[first],
         )
         self.tree.status[chosen] = CellStatus.CANDIDATE
-
-    def _check(self, contacts: CellFaces) -> None:
-        if not contacts.cell.size:
-            return
-        numbers = self.tree.box[contacts.cell], self.tree.box[contacts.leaf]
-        first, second = self.boxes.take(numbers[0]), self.boxes.take(numbers[1])
-        pairs = np.column_stack(numbers)
-        try:
-            same = self._glue(
-                first, self._delta(first, contacts.at_cell), second, self._delta(second, contacts.at_leaf)
-            )
-        except Stopped:
-            self.unglued.append(pairs)
-            raise
-        self.unglued.append(pairs[~same])

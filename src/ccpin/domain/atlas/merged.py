@@ -1,6 +1,6 @@
 """Atlases of parts of a region, made apart, as the one atlas of the region.
 
-What is sound. A box satisfies Theorem K of `boxes` whatever atlas it is in, and a cell that is empty or singular is so
+What is sound. A box satisfies Theorem N of `boxes` whatever atlas it is in, and a cell that is empty or singular is so
 whatever the branch. Every box of a part is reached from the part's seed over glued faces. So where a box of one part
 and one of another are glued at a face that they share (the corollary of `boxes`), all boxes of both parts are reached
 from either seed. Parts are joined in this way, beginning with the first; one that no glued face joins to it may be of
@@ -15,16 +15,16 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, joined, numbers, rows_of, whole
 from ccpin.covering.cells import CellStatus, CellTree
+from ccpin.covering.claims import proved_glue
 from ccpin.covering.faces import CellFaces, contacts_of
 from ccpin.covering.merging import grafted, whole_region
-from ccpin.covering.proposals.solving import glued
 from ccpin.covering.region import Corners, Region, corners_of
 from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.atlas.cover_claims import proved_cover, seams_of
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.closures.packing import same_reading
 from ccpin.errors import InvalidInputError
-
-_CHUNK = 500
+from ccpin.proof.solutions import boxes_of
 
 
 def split_region(region: Corners, parts: int) -> list[tuple[Array, Array]]:
@@ -61,15 +61,17 @@ def merge_atlases(parts: list[Atlas]) -> Atlas:
         _refuse_others(parts[0], other, k)
     region = whole_region(parts)
     tree, places = grafted(region, parts)
-    boxes = joined([part.boxes for part in parts])
-    first = np.cumsum([0, *(len(part.boxes.kappa) for part in parts)])
-    owner = np.repeat(np.arange(len(parts)), np.diff(first))
-    contacts = _between(tree, region, owner)
-    pairs = np.column_stack([tree.box[contacts.cell], tree.box[contacts.leaf]])
+    solutions = tuple(fact for part in parts for fact in part.solutions)
+    owner = np.repeat(np.arange(len(parts)), [len(part.boxes.kappa) for part in parts])
+    seams = seams_of(parts[0].problem, region, tree, boxes_of(solutions), _between(tree, region, owner))
+    glue = [fact for part in parts for fact in part.glue()]
+    glue += proved_glue(parts[0].problem, seams, solutions)
+    proved = proved_cover(parts[0].problem, region, tree, parts[0].seed, solutions, tuple(glue))
+    _refuse_strangers(owner, proved.cover.found["reached"])
     merged = replace(
         parts[0],
-        boxes=boxes,
-        unglued=np.concatenate([part.unglued + start for part, start in zip(parts, first[:-1], strict=True)]),
+        solutions=solutions,
+        proved=proved,
         complete=all(part.complete for part in parts),
         region=region,
         tree=tree,
@@ -77,9 +79,6 @@ def merge_atlases(parts: list[Atlas]) -> Atlas:
             part.singular._replace(cell=place.of(part.singular.cell)) for part, place in zip(parts, places, strict=True)
         ),
     )
-    same = _agree(merged, contacts)
-    _refuse_strangers(len(parts), owner, pairs, same)
-    merged = replace(merged, unglued=np.concatenate([merged.unglued, pairs[~same]]).astype(np.int64))
     return replace(merged, radius=float(certified_radius(merged, merged.region.reduce(merged.q0[None]))[0]))
 
 
@@ -103,27 +102,11 @@ def _between(tree: CellTree, region: Region, owner: Indices) -> CellFaces:
     return rows_of(contacts, owner[tree.box[contacts.cell]] != owner[tree.box[contacts.leaf]])
 
 
-def _agree(atlas: Atlas, contacts: CellFaces) -> Mask:
-    """At which faces the two boxes are proved to carry the same σ, of shape (K,)."""
-    same, independent = np.zeros(len(contacts.cell), dtype=np.bool_), atlas.problem.system.independent
-    for start in range(0, len(same), _CHUNK):
-        part = rows_of(contacts, slice(start, start + _CHUNK))
-        one, other = (atlas.boxes.take(atlas.tree.box[cells]) for cells in (part.cell, part.leaf))
-        here = atlas.region.position(part.at_cell) - one.centre[:, independent]
-        there = atlas.region.position(part.at_leaf) - other.centre[:, independent]
-        same[start : start + _CHUNK] = glued(atlas.problem, one, here, other, there)
-    return same
-
-
-def _refuse_strangers(count: int, owner: Indices, pairs: Indices, same: Mask) -> None:
-    """Parts with boxes that no chain of glued faces joins to the first."""
-    reached, joins = {0}, {(int(a), int(b)) for a, b in owner[pairs[same]]}
-    while new := {b for a, b in joins | {(b, a) for a, b in joins} if a in reached} - reached:
-        reached |= new
-    for k in range(count):
-        if k not in reached and np.any(owner == k):
-            faces = int(np.sum(np.any(owner[pairs] == k, axis=1)))
+def _refuse_strangers(owner: Indices, reached: Mask) -> None:
+    """Parts with boxes none of which a way over glued faces joins to the seed's."""
+    for k in np.setdiff1d(owner, owner[reached]).tolist():
+        if k:
             raise InvalidInputError(
-                f"part {k + 1} is not proved to be on the branch of part 1: none of the {faces} faces that its boxes "
+                f"part {k + 1} is not proved to be on the branch of part 1: none of the faces that its boxes "
                 "share with others carries the same σ. Certify it from a closed configuration on that branch (near=)"
             )

@@ -1,6 +1,6 @@
 """One box about a configuration: the largest certified square, and how many Newton steps suffice in it.
 
-**Newton steps.** Let Theorem K (`boxes`) hold for a box with radius R and weights w, and let e₀ = max R_i/w_i,
+**Newton steps.** Let Theorem N (`boxes`) hold for a box with radius R and weights w, and let e₀ = max R_i/w_i,
 R₂ = R + e₀w, Z(R₂)w ≤ κ₂w with κ₂ < 1, and ‖f_ζ(δ, ζ) − f_ζ(δ, ζ′)‖ ≤ ω‖ζ − ζ′‖ on |ζ|, |ζ′| ≤ R₂ in the weighted
 maximum norm ‖ζ‖ = max |ζ_i|/w_i. Put c = ω/(2(1 − κ₂)). If c e₀ < 1, Newton's method at fixed q, started at the
 predictor θ_c + Dδ, converges to σ(q) for every |δ| ≤ h, and after k steps ‖ζ_k − ζ*‖ ≤ (c e₀)^(2ᵏ)/c.
@@ -32,7 +32,7 @@ def kantorovich_radius(mechanism: Mechanism | HasMechanism, q_free: Array, bound
     """The half width of the largest square about α(q′) on which one box proves σ.
 
     For every q with max |q − α(q′)| ≤ r there is exactly one solution in a tube about the linear predictor, ψ_q′ is
-    nonsingular on it and σ is smooth (Theorem K of `boxes`). Every half width tried and proved is a certificate
+    nonsingular on it and σ is smooth (Theorem N of `boxes`). Every half width tried and proved is a certificate
     for its whole square, so the search need not be complete to be sound.
 
     Args:

@@ -17,7 +17,7 @@ perpendicular to d. At a solution dᵀr_θ = dᵀ(p_B − p_A)_θ = φ_kθ (as f
 dᵀr_ab = 0, and (t, t′)ᵀr_ab = −L (t, t′)ᵀd_ab is nonsingular with determinant ±L² cos b (±L in the plane). So the
 matrix with rods is, up to a rotation of rows, block triangular with φ_y and that one on its diagonal. ∎
 
-So Theorem K for the rows with rods says of the mechanism what it says of any other: σ exists, is unique in its tube,
+So Theorem N for the rows with rods says of the mechanism what it says of any other: σ exists, is unique in its tube,
 smooth and nonsingular. Near cos b = 0 nothing is proved, as near 90° of a ball joint's chart; b is measured from where
 the rod is at the chart's centre.
 """

@@ -6,7 +6,7 @@ coordinates, and one closure more that holds the end effector to it. With p(θ) 
     Φ(x, θ) = (φ(θ), p(θ) − C(x)) = 0,
 
 C(x) the carriage's pose, and all n′ joints of the mechanism depend on the n coordinates x. As rows and chains they are
-like any others (`chains`), so Theorem K of `boxes` says of them: over a box of x the mechanism has one closed
+like any others (`chains`), so Theorem N of `boxes` says of them: over a box of x the mechanism has one closed
 configuration θ(x) in a tube with its end effector at C(x), Φ_θ is nonsingular there and θ(x) is smooth. What Φ_θ
 nonsingular means for the motors is said, and proved, in `demands`.
 

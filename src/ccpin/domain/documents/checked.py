@@ -15,6 +15,8 @@ from ccpin.covering.cells import CellStatus
 from ccpin.covering.region import TURN, WHOLE
 from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.errors import InvalidInputError
+from ccpin.proof.covers import halved
+from ccpin.proof.facts import NotProvedError
 from ccpin.proof.rounding import widened
 
 _LARGEST = 1e9  # m or rad: of no mechanism; squares of it are far from overflowing
@@ -89,25 +91,19 @@ def checked_cells(arrays: NamedArrays) -> None:
         InvalidInputError: Not so; the field is named.
     """
     lower, size, cut, child, status = (arrays[f"tree_{name}"] for name in ("lower", "size", "cut", "child", "status"))
-    count = len(child)
     split = np.flatnonzero(child >= 0)
-    first, along = child[split], cut[split]
-    _require(count > 0 and np.all(lower[0] == 0) and np.all(size[0] == WHOLE), "tree: the first cell is not the region")
-    below = np.sort(np.concatenate([first, first + 1]))
-    _require(np.all(first > split) and np.array_equal(below, np.arange(1, count)), "tree_child: no tree of cells")
-    half = size[split].copy()
-    rows = np.arange(len(split))
-    half[rows, along] //= 2
-    corner = lower[split].copy()
-    corner[rows, along] += half[rows, along]
-    halved = np.array_equal(size[first], half) and np.array_equal(size[first + 1], half)
-    placed = np.array_equal(lower[first], lower[split]) and np.array_equal(lower[first + 1], corner)
-    _require(halved and placed and np.all(half > 0), "tree_lower, tree_size: children are no halves of their parent")
+    try:
+        tree = halved(cut, child, lower.shape[1])
+    except NotProvedError as error:
+        raise InvalidInputError(f"tree_child: no tree of cells: {error}") from error
+    _require(np.all(child[split] > split) and np.all(tree.reached), "tree_child: no tree of cells")
+    same = np.array_equal(tree.lower, lower) and np.array_equal(tree.size, size)
+    _require(same, "tree_lower, tree_size: cells are no halves of the cells they are in")
     _require(np.array_equal(status == CellStatus.SPLIT, child >= 0), "tree_status: what is split has children")
 
 
 def checked_boxes(arrays: NamedArrays) -> None:
-    """D moves q as δ does, and the box of each certified cell, as wide as Theorem K has it, covers the cell.
+    """D moves q as δ does, and the box of each certified cell, as wide as Theorem N has it, covers the cell.
 
     Raises:
         InvalidInputError: Not so; the field is named.

@@ -111,10 +111,10 @@ ATLAS = Document(
         _PARTS,
         (_DEMANDS,),
     ),
-    ("boxes", "extended", "folds", "reach", "platform"),
+    ("theorem_n", "extended", "folds", "reach", "platform"),
     (("demands", frozenset(_DEMANDS)),),
 )
-"""Theorems K and S, the triangle inequality and Theorem E; of a workspace Theorem D besides."""
+"""Theorems N and S, the triangle inequality and Theorem E; of a workspace Theorem D besides."""
 
 SHEETS = Document(
     Schema(
@@ -139,9 +139,9 @@ SHEETS = Document(
         | _ranges("ranges"),
         _PARTS,
     ),
-    ("boxes", "extended", "folds", "ranges", "narrowing", "counting"),
+    ("theorem_n", "extended", "folds", "ranges", "narrowing", "counting"),
 )
-"""Theorems K and S, Lemma R, Propositions N, U and C."""
+"""Theorems N and S, Lemma R, Propositions N, U and C."""
 
 CURVES = Document(
     Schema(

@@ -9,31 +9,30 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ccpin.arrays import rows_of
 from ccpin.containers import NamedArrays, told_of
 from ccpin.covering.cells import Cells, CellTree, SingularCells
+from ccpin.covering.claims import proved_boxes
 from ccpin.covering.documents import Document, pack_region, packed, unpack_region, unpacked
 from ccpin.covering.region import Region
 from ccpin.domain.closures.packing import fingerprint, pack_reading, unpack_reading
 from ccpin.domain.closures.system import Reading
 from ccpin.domain.documents.checked import checked_boxes, checked_cells, checked_closures, checked_region
 from ccpin.errors import InvalidInputError
-from ccpin.proof.newton import Boxes, verify
-
-_PART = 10_000  # boxes proved again at once
+from ccpin.proof.facts import Fact
+from ccpin.proof.newton import Boxes
 
 
 class Covering(NamedTuple):
-    """What every kind holds: the closures, the region, its cells, certified boxes and what is singular."""
+    """What every kind holds: the closures, the region, its cells, the fact about its boxes and what is singular."""
 
     reading: Reading
     region: Region
     tree: CellTree
-    boxes: Boxes
+    solutions: Fact
     singular: SingularCells
 
 
@@ -65,7 +64,31 @@ def reading(path: str | Path, kind: Document) -> Iterator[tuple[dict[str, Any], 
         yield header, arrays
 
 
-def pack(covering: Covering) -> tuple[dict[str, Any], NamedArrays]:
+class HasBoxes(Protocol):
+    """What every kind is."""
+
+    @property
+    def reading(self) -> Reading:
+        """The closures."""
+
+    @property
+    def region(self) -> Region:
+        """The region."""
+
+    @property
+    def tree(self) -> CellTree:
+        """Its cells."""
+
+    @property
+    def boxes(self) -> Boxes:
+        """The boxes."""
+
+    @property
+    def singular(self) -> SingularCells:
+        """What is singular."""
+
+
+def pack(covering: HasBoxes) -> tuple[dict[str, Any], NamedArrays]:
     """What every kind holds, as a header and arrays."""
     header, arrays = pack_reading(covering.reading)
     arrays |= packed("box", covering.boxes) | packed("tree", covering.tree.cells)
@@ -76,17 +99,16 @@ def unpack(header: dict[str, Any], arrays: NamedArrays) -> Covering:
     """What `pack` packed, each box proved again: solutions are found with the numbers that the file has.
 
     Raises:
-        InvalidInputError: Theorem K does not hold for a box: the file was altered.
+        InvalidInputError: Theorem N does not hold for a box: the file was altered.
     """
     reading, boxes = unpack_reading(header, arrays), unpacked("box", Boxes, arrays)
-    for first in range(0, len(boxes.kappa), _PART):
-        proved = verify(reading.problem, rows_of(boxes, slice(first, first + _PART)))
-        if not np.all(proved):
-            raise InvalidInputError(f"box {first + int(np.argmin(proved))} is not proved: the file was altered")
+    solutions, proved = proved_boxes(reading.problem, boxes)
+    if not np.all(proved):
+        raise InvalidInputError(f"box {int(np.argmin(proved))} is not proved: the file was altered")
     return Covering(
         reading,
         unpack_region(arrays),
         CellTree(unpacked("tree", Cells, arrays)),
-        boxes,
+        solutions,
         unpacked("singular", SingularCells, arrays),
     )

@@ -1,6 +1,6 @@
 """Certified paths: σ stays on its branch along a tube about a path, or where that cannot be proved and why.
 
-A stretch of the path between two parameters is covered by one box of Theorem K (`boxes`) with p = 1 + n parameters,
+A stretch of the path between two parameters is covered by one box of Theorem N (`boxes`) with p = 1 + n parameters,
 
     q = q_c + s d + w,  |s| ≤ 1,  |w| ≤ tube + deviation of the path from its chord + its jump at the beginning,
 
@@ -21,16 +21,21 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, PPoly
 
 from ccpin.arrays import Array, numbers
+from ccpin.covering.claims import Seams, proved_glue, proved_points
 from ccpin.covering.proposals.solving import newton
 from ccpin.domain.closures.seeds import seed_at_coordinates
 from ccpin.domain.closures.system import Reading
-from ccpin.domain.paths.pieces import chord_of, pieces_of, points_of
+from ccpin.domain.paths.pieces import pieces_of
 from ccpin.domain.paths.refutation import empty_witness, singular_witness
 from ccpin.domain.paths.walker import SHORTEST, TRIES, Walker
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.proof.equations import BoundsName, Problem, closure_values
+from ccpin.proof.chords import chord_of, points_of
+from ccpin.proof.equations import BoundsName, Problem, closure_values, closures_of
+from ccpin.proof.facts import Fact, NotProvedError, prove
 from ccpin.proof.newton import Boxes, solve_in_boxes
+from ccpin.proof.paths import Followed, follows
+from ccpin.proof.solutions import Met, SolutionsInBoxes
 from ccpin.proof.verdict import Verdict, Witness
 
 _AHEAD = np.array([1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4])
@@ -44,10 +49,8 @@ class CertifiedPath:
     """What was proved of a path.
 
     Attributes:
-        verdict: ``"proven"``: σ stays on its branch along the whole tube. ``"refuted"``: it does not, as `witness`
-            shows: the branch meets a singular configuration in the tube (`refutation`), or some q of the path
-            has no closed configuration at all. ``"undecided"``: neither was proved.
         reached: The parameter up to which the path is certified.
+        proved: The fact that it is (`ccpin.proof.paths`); ``None`` where nothing is.
         reason: The verdict in a sentence.
         witness: Where the claim fails, if it was refuted.
         rcond: Reciprocal condition number of φ_y at `reached`.
@@ -59,8 +62,8 @@ class CertifiedPath:
         reading: The closures, and how their coordinates and configurations correspond.
     """
 
-    verdict: Verdict
     reached: float
+    proved: Fact | None
     reason: str
     witness: Witness | None
     rcond: float
@@ -73,6 +76,17 @@ class CertifiedPath:
 
     def __repr__(self) -> str:
         return f"CertifiedPath({self.verdict}: {self.reason})"
+
+    @property
+    def verdict(self) -> Verdict:
+        """``"proven"``: σ stays on its branch along the whole tube. ``"refuted"``: it does not, as `witness` shows.
+
+        So it is where the branch meets a singular configuration in the tube (`refutation`), or some q of the path has
+        no closed configuration at all. ``"undecided"``: neither was proved.
+        """
+        if self.proved is not None and follows(self.proved, self.pieces):
+            return "proven"
+        return "undecided" if self.witness is None else "refuted"
 
     @property
     def problem(self) -> Problem:
@@ -143,10 +157,13 @@ def certify_path(
     reading = seed.reading.bounded(bounds)
     walker = Walker(reading.problem, pieces, widths, seed.theta)
     stopped = walker.walk()
+    proved = _proved(walker)
+    if proved is None:
+        walker, stopped = walker.back(len(walker.times) - 1), float(pieces.x[1])
     witness = None if stopped is None else _refuted(walker, reading, stopped)
     return CertifiedPath(
-        verdict="proven" if stopped is None else "refuted" if witness else "undecided",
         reached=walker.here,
+        proved=proved,
         reason=_reason(walker, stopped, witness),
         witness=witness,
         rcond=walker.rcond(),
@@ -157,6 +174,27 @@ def certify_path(
         pieces=pieces,
         reading=reading,
     )
+
+
+def _proved(walker: Walker) -> Fact | None:
+    """The fact that the walker's boxes follow σ along the tube from where it began to where it is."""
+    boxes, problem = walker.boxes, walker.problem
+    count, n, (point, near) = len(boxes.kappa), problem.system.n, proved_points(problem, walker.point.centre)
+    if not count or not near.size:
+        return None
+    q, along = boxes.centre[:, problem.system.independent], boxes.directions[:, problem.system.independent, 0]
+    before = np.concatenate([walker.point.centre[:, problem.system.independent], (q + along)[:-1]])
+    ends, begins = np.tile(np.eye(1, 1 + n), (count, 1)), np.column_stack([-np.ones(count), before - (q - along)])
+    number = np.arange(count)
+    try:
+        solutions = prove(SolutionsInBoxes(closures_of(problem), *boxes))
+        first = number[:1], number[:1], begins[:1], begins[:1], number[:1]
+        start = prove(Met(closures_of(problem), *first), point, solutions)
+        glue = proved_glue(problem, Seams(number[:-1], number[1:], ends[:-1], begins[1:]), (solutions,))
+        path = walker.pieces.c, walker.pieces.x, np.array(walker.times), walker.tube
+        return prove(Followed(closures_of(problem), *path), solutions, start, *glue)
+    except NotProvedError:
+        return None
 
 
 def _refuted(walker: Walker, reading: Reading, knot: float) -> Witness | None:

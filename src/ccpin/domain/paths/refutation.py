@@ -2,7 +2,7 @@
 
 **Proposition.** Let σ be continued from a closed configuration (q_r, y_r) along the straight line q_r + s d. Suppose
 
-1. a box of Theorem K that holds q_r + s d for |s| ≤ δ carries that branch (it is glued to it at q_r),
+1. a box of Theorem N that holds q_r + s d for |s| ≤ δ carries that branch (it is glued to it at q_r),
 2. with one dependent coordinate θ_j as the parameter instead of s, boxes glued one behind the other (`walker`) carry a
    curve of closed configurations over the line; its first point lies over the box of 1 and in its tube, and s is
    between −δ and 1 on all of them,
@@ -36,8 +36,8 @@ from ccpin.domain.paths.walker import Walker
 from ccpin.domain.singular.folds import singular_points
 from ccpin.errors import SingularConfigurationError
 from ccpin.proof.emptiness import empty_cells, groups_of
-from ccpin.proof.equations import Problem, problem_of
-from ccpin.proof.newton import Boxes, encloses, solve_in_boxes, verify
+from ccpin.proof.equations import Problem, closures_of, problem_of
+from ccpin.proof.newton import Boxes, check, encloses, solve_in_boxes
 from ccpin.proof.verdict import Witness
 
 _JOINS = np.geomspace(1e-3, 1e-11, 9)
@@ -123,7 +123,7 @@ def holds(line: Problem, box: Boxes, singular: Array, error: float) -> bool:
     reach = error + np.abs(box.directions[0, :, 0][line.system.dependent]) * spread
     room = _ROOM * np.abs(np.linalg.inv(box.modes[0])) @ reach
     wide = box._replace(radius=box.radius + room, kappa=np.full(1, 0.999))
-    box = wide if verify(line, wide)[0] else box
+    box = wide if check(closures_of(line), wide).proved[0] else box
     return bool(encloses(line, box, np.array([[s[0], 0.0]]), singular[None], reach[None])[0])
 
 

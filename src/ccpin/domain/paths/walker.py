@@ -11,8 +11,8 @@ from scipy.interpolate import PPoly
 from ccpin.arrays import Array, joined
 from ccpin.covering.proposals.krawczyk import certify_boxes, certify_points
 from ccpin.covering.proposals.solving import extrapolate, glued, newton
-from ccpin.domain.paths.pieces import chord_of
 from ccpin.errors import SingularConfigurationError
+from ccpin.proof.chords import chord_of
 from ccpin.proof.equations import Problem, closure_values
 from ccpin.proof.newton import Boxes, encloses, solve_in_boxes
 

@@ -8,7 +8,7 @@ narrowed (Proposition N of `narrowing`), dropped where that shows them to be emp
   limit are kept even so. What is left over the smallest cells encloses all singular closed configurations over the
   region, and all that lie on a limit.
 - `all_solutions` looks for *all* closed configurations over points: it also drops candidates in which one is proved to
-  be the only one (Theorem K and Proposition U), and keeps that one if it lies in the ranges.
+  be the only one (Theorem N and Proposition U), and keeps that one if it lies in the ranges.
 
 What is left over counts by Proposition C of `ccpin/proof/theorems/counting.md`.
 

@@ -2,9 +2,9 @@
 
 A *part* is a connected union of cells over which no configuration is singular, so that every q of it has as many closed
 configurations as one that was counted (Proposition C of `counting`). A cell is certified when as many boxes of Theorem
-K are proved over it, each glued at a common face to a box of a certified neighbour, no two to the same one. Neighbours'
+N are proved over it, each glued at a common face to a box of a certified neighbour, no two to the same one. Neighbours'
 boxes carry different solutions, so these do, and they are all there is over the cell. Over the other cells, those that
-hold a fold of some sheets, the sheets that have none there are carried on one by one, as far as Theorem K goes.
+hold a fold of some sheets, the sheets that have none there are carried on one by one, as far as Theorem N goes.
 """
 
 from __future__ import annotations

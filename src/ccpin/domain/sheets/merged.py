@@ -1,7 +1,7 @@
 """Sheets over parts of a region, made apart, as those over the region.
 
 What is sound. What is said of a cell (how many closed configurations each of its q has, that there are none, that one
-is singular), of the boxes over it (Theorem K) and of two glued ones is about that cell and those boxes, whatever the
+is singular), of the boxes over it (Theorem N) and of two glued ones is about that cell and those boxes, whatever the
 region they are cells of: it stands. Boxes on the two sides of a seam are glued where the corollary of `boxes` proves
 that they carry the same σ there, as all others are. Parts count within the same limits, and so does the whole: the
 ranges over all of the region are derived anew (Lemma R of `ccpin.proof.ranges`). The boxes that enclose all singular

@@ -3,7 +3,7 @@
 What is claimed. The region is in cells. Over the *counted* ones it is proved how many closed configurations every q has
 within the limits of slides and coupled joints (Proposition C of `counting`), in ranges that hold all of these (Lemma R
 of `ccpin.proof.ranges`); where there are none, the cell is empty. Over the *certified* ones each of them is a smooth
-function of q in a box of Theorem K, and boxes of neighbours are glued where they carry the same one. A *sheet* is a
+function of q in a box of Theorem N, and boxes of neighbours are glued where they carry the same one. A *sheet* is a
 connected part of the nonsingular closed configurations, as far as boxes are glued (an aspect, in the literature on
 parallel robots). Most sheets have one configuration over each q. On one that has several (`Sheet.layers`) they change
 places along some way in q, round a cusp as a rule: the mechanism goes from one assembly mode to another and meets no
@@ -42,9 +42,9 @@ from ccpin.domain.sheets.seams import Fold, cross, near_folds
 from ccpin.domain.singular.cusp_points import Cusp, distinct, proved_cusps
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.proof.equations import Problem, closure_values
+from ccpin.proof.equations import Problem, closure_values, closures_of
 from ccpin.proof.narrowing import Candidates
-from ccpin.proof.newton import Boxes, solve_in_boxes, verify, without_turns
+from ccpin.proof.newton import Boxes, check, solve_in_boxes, without_turns
 from ccpin.proof.ranges import Ranges
 
 _PART = 500
@@ -94,7 +94,7 @@ class SheetAtlas:
         region: What was asked for.
         reading: The closures, and how their coordinates and configurations correspond.
         tree: The cells.
-        boxes: The certified boxes, as Theorem K has them.
+        boxes: The certified boxes, as Theorem N has them.
         members: Which boxes lie over which cells.
         glued: Which boxes carry the same σ at a common face.
         count: How many closed configurations the q of a cell have; −1 where that is not proved. Of shape (cells,).
@@ -197,8 +197,8 @@ class SheetAtlas:
         return 1.0 - self.counted_fraction - self.singular_fraction
 
     def verify(self) -> Mask:
-        """Check Theorem K for every box again, from its data alone, of shape (B,)."""
-        return verify(self.problem, self.boxes)
+        """Check Theorem N for every box again, from its data alone, of shape (B,)."""
+        return check(closures_of(self.problem), self.boxes).proved
 
     @property
     def fingerprint(self) -> str:
@@ -211,7 +211,7 @@ class SheetAtlas:
 
     def save(self, path: str | Path) -> None:
         """Write the sheets to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
-        header, arrays = store.pack(store.Covering(self.reading, self.region, self.tree, self.boxes, self.singular))
+        header, arrays = store.pack(self)
         header |= {"names": list(self.names), "complete": self.complete}
         for part in _RECORDS:
             arrays |= packed(part, getattr(self, part))
@@ -226,11 +226,16 @@ class SheetAtlas:
         """
         with store.reading(path, SHEETS) as (header, arrays):
             records = {part: unpacked(part, kind, arrays) for part, kind in _RECORDS.items()}
+            held = store.unpack(header, arrays)
             return cls(
                 names=tuple(header["names"]),
                 count=arrays["count"].astype(np.int64),
                 complete=header["complete"],
-                **store.unpack(header, arrays)._asdict(),
+                reading=held.reading,
+                region=held.region,
+                tree=held.tree,
+                boxes=held.solutions.claim.boxes,
+                singular=held.singular,
                 **records,
                 source=str(path),
             )

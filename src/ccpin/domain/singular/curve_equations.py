@@ -11,8 +11,8 @@ import numpy as np
 
 from ccpin.arrays import Array, Mask, apply, solve_many
 from ccpin.covering.proposals.solving import closure_derivatives
-from ccpin.proof.chains import Derivatives, third_along
-from ccpin.proof.equations import Problem, third_bound
+from ccpin.proof.equations import Derivatives, Problem, third_bound
+from ccpin.proof.tips import third_along
 
 _SETTLED, _FAR = 1e-7, 1.0
 

@@ -26,7 +26,7 @@ and Schaeffer, "Singularities and groups in bifurcation theory I", 1985). 2 is r
 about (0, 0) in the plane of (a, b) that begins and ends at a < 0, b = 0, the root followed is the largest at one
 end and the least at the other and is simple all along. ∎
 
-Δ. With τ_i bounding every third and fourth derivative of φ_i on the ball (`ccpin.proof.bounds.chain_reach`; a
+Δ. With τ_i bounding every third and fourth derivative of φ_i on the ball (`ccpin.proof.reach_bounds.chain_reach`; a
 derivative of a chain's tip of any order is at most ρ of its deepest joint), P = n′ and V = |v₀|₁ + mr,
 
     |φ_θθ − φ_θθ(θ₀)| ≤ τPr,     |φ_θ − φ_θ(θ₀)| ≤ (|φ_θθ(θ₀)|1 + τP²r) r,
@@ -50,9 +50,9 @@ from ccpin.covering.region import Corners, corners_of
 from ccpin.domain.closures.system import Reading, reading_of
 from ccpin.domain.singular.sampled import SingularCurve, singularities
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.proof.chains import Derivatives, third_along
-from ccpin.proof.equations import Problem, third_bound
+from ccpin.proof.equations import Derivatives, Problem, third_bound
 from ccpin.proof.newton import proved_within, without_turns
+from ccpin.proof.tips import third_along
 
 _STEPS = 40
 _SAME = 1e-6

@@ -12,8 +12,7 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
 from ccpin.covering.proposals.solving import closure_derivatives, solved
-from ccpin.proof.chains import Derivatives
-from ccpin.proof.equations import Problem, closure_values, third_bound
+from ccpin.proof.equations import Derivatives, Problem, closure_values, third_bound
 from ccpin.proof.newton import proved_within
 
 _STEPS, _STEPS_AHEAD = 40, 8

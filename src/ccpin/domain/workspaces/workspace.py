@@ -3,7 +3,7 @@
 **What is claimed** of every x of a certified cell: the mechanism has a closed configuration θ(x) with its end effector
 at x (the pose `task_space` gives x), it lies on the branch of the configuration started from, no joint exceeds its
 limits, the motors determine the motion (ψ_q′ is nonsingular), and 1/κ(J) is at least the dexterity asked for. Each cell
-is proved by Theorem K of `boxes` for Φ(x, θ) = 0 and by `demands`, and glued at a face to an earlier one; so through
+is proved by Theorem N of `boxes` for Φ(x, θ) = 0 and by `demands`, and glued at a face to an earlier one; so through
 certified cells the end effector moves from the start to x without passing a singularity of either kind or a limit.
 """
 

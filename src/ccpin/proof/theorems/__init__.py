@@ -9,7 +9,7 @@ from importlib.resources import files
 
 
 def theorem(name: str) -> str:
-    """The text of a theorem's file, e.g. ``theorem("boxes")``."""
+    """The text of a theorem's file, e.g. ``theorem("theorem_n")``."""
     return files(__name__).joinpath(f"{name}.md").read_text(encoding="utf-8")
 
 

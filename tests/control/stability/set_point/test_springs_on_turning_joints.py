@@ -9,6 +9,7 @@ import ccpin
 from ccpin.control import PDSimpleGravity, suggest_gains
 from ccpin.control.stability.set_point.starting_cells import cells_of_atlas
 from ccpin.control.stability.set_point.theorem3 import certify_law
+from ccpin.covering.claims import proved_boxes
 from ccpin.domain import certify
 from ccpin.errors import UnattainableGainsError
 from tests.support.paper import GOAL, K_P, K_V
@@ -80,7 +81,9 @@ def test_boxes_with_turns_of_their_own(model, law):
     turned = atlas.boxes.centre.copy()
     dependent = atlas.problem.system.dependent
     turned[:, dependent] += TURN * rng.integers(-2, 3, (len(turned), 2))
-    other = replace(atlas, boxes=atlas.boxes._replace(centre=turned))
+    solutions, proved = proved_boxes(atlas.problem, atlas.boxes._replace(centre=turned))
+    assert proved.all()
+    other = replace(atlas, solutions=(solutions,), proved=None)
     store, same = cells_of_atlas(law, other), cells_of_atlas(law, atlas)
     assert store.whole
     assert same.whole

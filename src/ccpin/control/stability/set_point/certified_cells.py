@@ -1,6 +1,6 @@
 """Cells of q-space that are proved to carry σ when they are needed: a lattice that grows, or an atlas's boxes.
 
-Each cell is a box of q-space; a proved one has a box of Theorem K and bounds of U over it (`Well`).
+Each cell is a box of q-space; a proved one has a box of Theorem N and bounds of U over it (`Well`).
 Cells are proved from a proved neighbour and glued to it at the middle of the common face, halved where that fails,
 and new ones are laid beside old ones where the lattice may grow.
 """
@@ -21,8 +21,8 @@ from ccpin.control.stability.set_point.well import Well, wells
 from ccpin.covering.proposals.solving import glued
 from ccpin.covering.proposals.tasks import CellsToProve, prove
 from ccpin.domain.closures.system import Reading
-from ccpin.proof.equations import Problem
-from ccpin.proof.newton import Boxes, predict, verify
+from ccpin.proof.equations import Problem, closures_of
+from ccpin.proof.newton import Boxes, check, predict
 from ccpin.proof.rounding import widened
 
 Proof = Literal["untried", "proved", "failed"]
@@ -33,7 +33,7 @@ _ROOM_AT_LEAST = 1e-11  # on R, rad or m: for tubes as thin as rounding
 
 
 def holding(lower: Array, upper: Array, q: Array) -> Indices:
-    """Which boxes (K, n) hold a point, to half of what Theorem K's are wider: middles of corners are rounded again."""
+    """Which boxes (K, n) hold a point, to half of what Theorem N's are wider: middles of corners are rounded again."""
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
     return np.flatnonzero(np.all(np.abs(q - middle) <= 0.5 * (half + widened(middle, half)), axis=1))
 
@@ -60,7 +60,7 @@ class Cell:
         lattice: Its place in the lattice, or ``None`` for an atlas.
         neighbours: Numbers of the cells it shares a face with, but those that were found to carry another σ there.
         state: Whether σ is proved on it.
-        box: Theorem K's data (one row), where proved.
+        box: Theorem N's data (one row), where proved.
         well: U over it, where proved.
         live: False once it was halved.
     """
@@ -271,13 +271,13 @@ def _places_beside(place: tuple[int, ...]) -> list[tuple[int, ...]]:
 
 
 def _roomier(problem: Problem, boxes: Boxes) -> Boxes:
-    """Boxes with somewhat larger tubes where Theorem K, checked again, allows it.
+    """Boxes with somewhat larger tubes where Theorem N, checked again, allows it.
 
-    Theorem K's least R leaves a small box's solution at a corner a margin below the rounding that gluing allows for.
+    Theorem N's least R leaves a small box's solution at a corner a margin below the rounding that gluing allows for.
     """
     radius = boxes.radius * (1.0 + _ROOM) + _ROOM_AT_LEAST
     kappa = np.minimum(boxes.kappa * (1.0 + _ROOM) + _ROOM, 0.999)
-    usable = verify(problem, boxes._replace(radius=radius, kappa=kappa))
+    usable = check(closures_of(problem), boxes._replace(radius=radius, kappa=kappa)).proved
     return boxes._replace(
         radius=np.where(usable[:, None], radius, boxes.radius), kappa=np.where(usable, kappa, boxes.kappa)
     )

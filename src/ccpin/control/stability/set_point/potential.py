@@ -17,7 +17,7 @@ Hessian. σ's slope is ρ = D + Eη, f_ζη = −f_δ, its curvature Eζ″ with
 
     ∂g/∂q_kl = ρ_kᵀ L_θθ ρ_l + L_ζ ζ″_kl.
 
-(K2), |I − f_ζ| w ≤ κw on the tube, gives y = |f_ζ⁻¹x| ≤ max_i(|x_i|/w_i)/(1 − κ) · w, which y ≤ |x| + Z y with a bound
+(N2), |I − f_ζ| w ≤ κw on the tube, gives y = |f_ζ⁻¹x| ≤ max_i(|x_i|/w_i)/(1 − κ) · w, which y ≤ |x| + Z y with a bound
 Z ≥ |I − f_ζ| then sharpens. Here f_δ, L_ζ and L_θθ − L_θθ(θ_c) are of order h, so ∂g/∂q − H is too, with the bound
 that `_variation` assembles term by term.
 
@@ -36,11 +36,12 @@ from ccpin.domain.closures.scalar_coordinates import elementary_joints
 from ccpin.domain.closures.system import Reading, chain_of, steps_along
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.proof.bounds import chain_reach
-from ccpin.proof.chains import ChainStack, derivatives, gather, move, stack_chains
-from ccpin.proof.equations import Problem
+from ccpin.proof.chains import ChainStack, gather, stack_chains
+from ccpin.proof.equations import Problem, derivatives
 from ccpin.proof.newton import Boxes
+from ccpin.proof.reach_bounds import chain_reach
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, widened
+from ccpin.proof.tips import move
 
 _SHARPENING = 6  # passes, each of which leaves a bound: more cost time, fewer sharpness
 
@@ -82,7 +83,7 @@ class _Expansion(NamedTuple):
     """The rows (f, L) = (Ãφ, V′ + μf) about the centre; L is the last of the m + 1 rows.
 
     Attributes:
-        boxes: Theorem K's data, h widened.
+        boxes: Theorem N's data, h widened.
         modes: E, of shape (B, n′, m).
         moves: W, of shape (B, n′).
         value: L_c, of shape (B,).
@@ -125,7 +126,7 @@ def _expand(problem: Problem, potential: Potential, boxes: Boxes) -> _Expansion:
     modes[:, system.dependent] = boxes.modes
     moves = apply(np.abs(boxes.directions), half) + apply(np.abs(modes), boxes.radius)
     reach = np.abs(theta) + moves
-    closure, gravity = derivatives(system, problem.stack, theta), potential_values(potential, theta)
+    closure, gravity = derivatives(problem, theta), potential_values(potential, theta)
     mu = -apply(np.swapaxes(modes, 1, 2), gravity.gradient)
     weights = np.concatenate([boxes.preconditioner, mu[:, None] @ boxes.preconditioner], axis=1)
     slope = weights @ closure.jacobian

@@ -27,8 +27,8 @@ from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.closures.seeds import Seed, seed_at_coordinates
 from ccpin.domain.closures.system import Reading
 from ccpin.errors import InvalidInputError, SingularConfigurationError
-from ccpin.proof.equations import Problem
-from ccpin.proof.newton import Boxes, encloses, predict, verify
+from ccpin.proof.equations import Problem, closures_of
+from ccpin.proof.newton import Boxes, check, encloses, predict
 
 _SHRINK = 0.85  # of the size before: the next one tried
 _TRIES = 90  # sizes, the least of them 5e-7 of the largest
@@ -100,7 +100,7 @@ def _turned_to_the_law(
     moved = np.any(turns != 0.0, axis=1)
     boxes = atlas.boxes._replace(centre=atlas.boxes.centre + 2.0 * np.pi * turns)
     rows = np.flatnonzero(reached & moved)
-    reached[rows] = verify(problem, boxes.take(rows))
+    reached[rows] = check(closures_of(problem), boxes.take(rows)).proved
     kept = np.flatnonzero(reached)
     place = np.full(len(reached), -1)
     place[kept] = np.arange(len(kept))

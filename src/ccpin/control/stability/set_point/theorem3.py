@@ -4,7 +4,7 @@ Theorem 3 of `ccpin/proof/theorems/set_point.md`, with what dry friction leaves 
 
 1. K_p and K_v: `gain_matrix`; D: `assumes` says where it is taken to be positive definite.
 2. `_check`.
-3. Theorem K on every cell, and a cell's gluing to each neighbour (`certified_cells`); V a function on G though springs
+3. Theorem N on every cell, and a cell's gluing to each neighbour (`certified_cells`); V a function on G though springs
    are none modulo 2π (`starting_cells`).
 4. `cells_of_atlas`, `cells_around`.
 5. `Flood`: a face at which two cells carry different σ is boundary.

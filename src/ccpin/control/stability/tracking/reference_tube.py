@@ -6,7 +6,7 @@ Cell k holds the states of the times T_k = [t_k, t_{k+1}] whose errors are small
 
 the last one those of all times at which the reference has come to rest; a reference that begins late has a cell of rest
 before it. That σ is one along them is Lemma T of `ccpin/proof/theorems/tracking.md`: σ is proved on each cell by a box
-of Theorem K (`ccpin.proof.newton`) with the parameters (s, e), and glued at its middle to the σ that `certify_path`
+of Theorem N (`ccpin.proof.newton`) with the parameters (s, e), and glued at its middle to the σ that `certify_path`
 continued along q_d from the law's start.
 
 How far q_d and q̇_d jump at most at each t_k is bounded from the polynomials of both sides, rounding included (`kicks`).
@@ -30,9 +30,10 @@ from ccpin.control.tracking import TrackingLaw
 from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.covering.proposals.solving import glued
 from ccpin.domain.paths.path import CertifiedPath, certify_path
-from ccpin.domain.paths.pieces import Chord, chords_of, pieces_of, points_of
+from ccpin.domain.paths.pieces import pieces_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.proof.balls import Affine
+from ccpin.proof.chords import Chord, chords_of, points_of
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, solve_in_boxes
 from ccpin.proof.rounding import SLACK

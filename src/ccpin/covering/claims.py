@@ -1,0 +1,65 @@
+"""What searches hand to the kernel: boxes, and common points at which they carry the same σ."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, Indices, Mask, rows_of
+from ccpin.covering.proposals.krawczyk import certify_points
+from ccpin.covering.proposals.solving import newton
+from ccpin.proof.equations import Problem, closures_of
+from ccpin.proof.facts import Fact, prove_some
+from ccpin.proof.newton import Boxes, predict
+from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of
+
+_NEWTON = 12
+_WIDER = 1.05
+
+
+class Seams(NamedTuple):
+    """Pairs of boxes by number, and a common point in the parameters of each, (K,) and (K, n)."""
+
+    first: Indices
+    second: Indices
+    at_first: Array
+    at_second: Array
+
+    @classmethod
+    def none(cls, n: int) -> Seams:
+        """None yet."""
+        number, point = np.zeros(0, dtype=np.int64), np.zeros((0, n))
+        return cls(number, number, point, point)
+
+
+def proved_boxes(problem: Problem, boxes: Boxes) -> tuple[Fact, Mask]:
+    """The fact about those boxes that the kernel finds proved, and which they are."""
+    return prove_some(SolutionsInBoxes(closures_of(problem), *boxes))
+
+
+def proved_glue(problem: Problem, seams: Seams, solutions: tuple[Fact, ...]) -> tuple[Fact, ...]:
+    """The facts that boxes carry the same σ at common points; where a ball is too large a fresh point is enclosed."""
+    equations = closures_of(problem)
+    fact, same = prove_some(GluedBoxes(equations, *seams), *solutions)
+    left = np.flatnonzero(~same)
+    if not left.size:
+        return (fact,)
+    seams, boxes = rows_of(seams, left), boxes_of(solutions)
+    theta = newton(problem, predict(problem, boxes.take(seams.first), seams.at_first), _NEWTON).theta
+    points, rows = proved_points(problem, theta)
+    met = prove_some(Met(equations, *rows_of(seams, rows), point=np.arange(len(rows))), points, *solutions)[0]
+    return fact, met
+
+
+def proved_points(problem: Problem, theta: Array) -> tuple[Fact, Indices]:
+    """The fact about closed configurations near some of θ (B, n′), in boxes without parameters, and near which.
+
+    Their radii are of rounding: a little more leaves room for another order of operations.
+    """
+    found = certify_points(problem, theta)
+    rows = np.flatnonzero(found.proved)
+    boxes = found.boxes.take(rows)
+    wider = boxes._replace(radius=_WIDER * boxes.radius, kappa=0.5 * (1.0 + boxes.kappa))
+    fact, enclosed = prove_some(SolutionsInBoxes(closures_of(problem), *wider))
+    return fact, rows[enclosed]
