@@ -15,7 +15,7 @@ from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.control.stability.set_point.well import sample_region
 from ccpin.description.finding import find_file, installed_models
 from ccpin.domain import scalar_coordinates_at
-from ccpin.domain.one_box import newton_steps
+from ccpin.domain.atlas.square import newton_steps
 from ccpin.errors import CcpinError
 from ccpin.plotting.motion import plot_configuration_panels
 from ccpin.simulation.plant.stick_slip import friction_force

@@ -8,7 +8,8 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.cli import main
-from ccpin.domain import Atlas, CellStatus, certified_radius, certify, merge, split_region
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import Atlas, certified_radius, certify, merge, split_region
 from ccpin.domain.atlas.merged import _between
 from ccpin.errors import InvalidInputError
 from tests.oracles import rpdr as oracle

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.domain.singularities import SingularCurve
+from ccpin.domain.singular.sampled import SingularCurve
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.paper import printed
 from ccpin.plotting import plot_singularities

@@ -6,15 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ccpin.arrays import Array
-from ccpin.domain import (
-    QuadraticSystem,
-    certify,
-    kantorovich_radius,
-    singularities,
-    theorem2,
-)
-from ccpin.domain.theorem2.polynomials import Polynomial
+from ccpin.domain import certify, singularities, theorem2
+from ccpin.domain.theorem2.polynomials import Polynomial, QuadraticSystem
 from ccpin.paper import printed
 from ccpin.paper.extremes import extremes_figure, singular_figure
 from ccpin.paper.item import Drawing, Item, apart

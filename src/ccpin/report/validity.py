@@ -10,7 +10,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.domain import Atlas, certify, kantorovich_radius, scalar_coordinates_at, singularities, theorem2
-from ccpin.domain.singularities import SingularCurve
+from ccpin.domain.singular.sampled import SingularCurve
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError

@@ -13,7 +13,7 @@ from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.flood import Flooded
 from ccpin.control.stability.set_point.theorem3 import certify_law
-from ccpin.domain.theorem2.radius import theorem2_radius
+from ccpin.domain.theorem2.radius import theorem2
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.studio import map_pieces

@@ -15,7 +15,8 @@ import pytest
 
 import ccpin
 from ccpin import domain, work
-from ccpin.domain import Atlas, CellStatus, certify
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import Atlas, certify
 from ccpin.domain.atlas import certifying
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
 from ccpin.proof.newton import solve_in_boxes
@@ -508,7 +509,7 @@ def test_a_model_stands_for_its_mechanism(rpdr, rpdr_model):
     q_free = rpdr_model.sigma(SEED)
     assert same(certify(rpdr, SEED, max_depth=0), certify(rpdr_model, SEED, max_depth=0))
     assert domain.kantorovich_radius(rpdr, q_free) == domain.kantorovich_radius(rpdr_model, q_free)
-    assert theorem2(rpdr, q_free).radius == theorem2(rpdr_model, q_free).radius
+    assert domain.theorem2(rpdr, q_free).radius == domain.theorem2(rpdr_model, q_free).radius
     path = [SEED, SEED + 0.01]
     assert domain.certify_path(rpdr_model, path).verdict == "proven"
     assert np.array_equal(

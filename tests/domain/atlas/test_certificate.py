@@ -11,8 +11,8 @@ from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.covering.proposals.solving import extrapolate, glued, newton
 from ccpin.description import Joint
 from ccpin.domain import certify_path, kantorovich_radius
+from ccpin.domain.atlas.square import newton_steps
 from ccpin.domain.closures.system import reading_of
-from ccpin.domain.one_box import newton_steps
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from ccpin.proof.chains import derivatives, first_order, stack_chains
 from ccpin.proof.equations import closure_values, problem_of

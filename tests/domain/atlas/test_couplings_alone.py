@@ -6,7 +6,7 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link
-from ccpin.domain.one_box import newton_steps
+from ccpin.domain.atlas.square import newton_steps
 from ccpin.errors import UnsupportedMechanismError
 from tests.support.walkthrough import file
 

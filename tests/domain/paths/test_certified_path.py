@@ -6,7 +6,7 @@ from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 from scipy.optimize import brentq
 
 import ccpin
-from ccpin.domain import certify_path
+from ccpin.domain import certify_path, scalar_coordinates_at
 from ccpin.domain.paths.pieces import chord_of, pieces_of
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
 from ccpin.proof.newton import verify

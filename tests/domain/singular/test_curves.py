@@ -5,7 +5,7 @@ import pytest
 
 import ccpin
 from ccpin import domain, plotting
-from ccpin.covering.cells import place
+from ccpin.covering.cells import CellStatus, place
 from ccpin.domain.singular import cover as search
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import five_bar as oracle
@@ -205,8 +205,8 @@ def test_cells_of_an_atlas_that_curves_cross(rpdr, cover):
     sheets = domain.certify_sheets(rpdr, REGION, max_depth=7)
     for atlas in (domain.certify(rpdr, q0, REGION, max_depth=7), sheets):
         found = cover.crossed(atlas)
-        assert 0.0 < found.share <= atlas.tree.share(atlas.tree.leaves(domain.CellStatus.UNDECIDED))
-        assert set(found.cells) <= set(atlas.tree.leaves(domain.CellStatus.UNDECIDED).tolist())
+        assert 0.0 < found.share <= atlas.tree.share(atlas.tree.leaves(CellStatus.UNDECIDED))
+        assert set(found.cells) <= set(atlas.tree.leaves(CellStatus.UNDECIDED).tolist())
         middle, half = place(atlas.tree, atlas.region, found.cells)
         for centre, width in zip(middle, half, strict=True):
             reach = np.abs(oracle.elbows(RPDR, *(centre + width * grid).T))

@@ -14,7 +14,7 @@ from ccpin import MechanismDescription
 from ccpin.description import CLOSURE_KINDS, Coupling, CouplingTerm, Joint, Link
 from ccpin.domain import theorem2
 from ccpin.domain.theorem2.form import FORMS, quadratic_form
-from ccpin.domain.theorem2.polynomials import Polynomial
+from ccpin.domain.theorem2.polynomials import Polynomial, QuadraticSystem
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from tests.oracles import rpdr as closed_form
 from tests.oracles.finite_differences import assert_close, derivative

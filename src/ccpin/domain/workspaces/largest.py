@@ -157,7 +157,7 @@ def largest_cube(
     Args:
         end_effector: The point of a link that is to get everywhere in it.
         centre: Its position in the middle (metres, in the world; two coordinates in a plane), or all task coordinates
-            (`closures.task_coordinates`); default the roomiest place of a map about where `guess` has it (a
+            (`closures.task_coordinates`); default the roomiest place of a map about where `near` has it (a
             search first that takes some times as long, and finds it to a thirty-second of the map).
         near: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         proportions: What the edges (or the ball's axes) are to one another, one number or one for each: the half

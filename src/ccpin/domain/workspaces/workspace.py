@@ -66,7 +66,7 @@ def certify_workspace(
     Args:
         end_effector: The point of a link that is to get there, or joints in its place (`JointSpace`).
         region: (lower, upper) in the coordinates of `closures.task_coordinates`: positions in the world, metres,
-            then turns from how the end effector is turned in `guess`, radians. Where the two are equal a coordinate is
+            then turns from how the end effector is turned in `near`, radians. Where the two are equal a coordinate is
             held (a slice); turns left out are held at 0.
         near: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         limits: Whether joints must keep the limits their file states; or limits (lower, upper) by joint that replace

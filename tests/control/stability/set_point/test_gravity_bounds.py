@@ -178,8 +178,8 @@ def test_the_bounds_are_attained_by_a_lone_arm(half):
         Joint("e2", "revolute", "other", "rod2", at(1.0), axis=hinge),
     )
     links = (Link("base"), *(Link(joint.child, heavy if joint.name == "q1" else light) for joint in joints))
-    tip = LoopClosure("tip", "revolute", "rod1", "rod2", at(1.2), at(1.2))
-    described = MechanismDescription("lone arm", "base", links, joints, (tip,))
+    tip = ccpin.LoopClosure("tip", "revolute", "rod1", "rod2", at(1.2), at(1.2))
+    described = ccpin.MechanismDescription("lone arm", "base", links, joints, (tip,))
     mechanism = ccpin.load(described, independent=["q1", "q2"])
     seed = seed_at_coordinates(mechanism, np.array([0.0, 0.9]))
     problem = seed.reading.problem

@@ -17,7 +17,7 @@ import numpy as np
 from ccpin.arrays import Array, Indices, Mask
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.certified_cells import CellStore, holding
-from ccpin.control.stability.set_point.flood import Budget
+from ccpin.control.stability.set_point.flood import FloodLimits
 from ccpin.control.stability.set_point.potential import Potential, gravity_bounds, potential_of
 from ccpin.control.stability.set_point.well import Well, wells
 from ccpin.covering.faces import contacts_of
