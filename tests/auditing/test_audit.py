@@ -21,9 +21,9 @@ from tests.support.altered import changed
 
 CASES = {
     "four_bar": ((0.7,), None, 8, None),
-    "rpdr": ((-1.885, -1.257), ((-2.4, -1.8), (-1.4, -0.8)), 4, 60),
+    "rpdr": ((-1.885, -1.257), ((-2.4, -1.8), (-1.4, -0.8)), 4, 20),
     "slider_crank": ((0.7,), None, 8, None),
-    "planar_3rrr": ((-0.675, 1.419, -2.769), ((-1.175, 0.919, -3.269), (-0.175, 1.919, -2.269)), 1, 3),
+    "planar_3rrr": ((-0.675, 1.419, -2.769), ((-1.175, 0.919, -3.269), (-0.175, 1.919, -2.269)), 1, 2),
 }
 
 
@@ -69,6 +69,7 @@ def test_a_slice_is_proved_and_reached(held, tmp_path):
     assert verify(changed(path, tmp_path, apart, radius=0.0), sample=2).claims[2].failed
 
 
+@pytest.mark.parametrize("case", ["rpdr"], indirect=True)
 def test_threads_audit_each_its_own_document(case, tmp_path):
     """Two documents at once, one of them false: each audit is of its own."""
     _, _, path, _ = case
@@ -254,12 +255,9 @@ def test_touching_boxes_are_found(tmp_path):
     """Contacts against a count by corners, all pairs."""
     atlas = certify(ccpin.load("rpdr"), (-1.885, -1.257), ((-2.4, -1.8), (-1.4, -0.8)), max_depth=4)
     low, high = atlas.lower, atlas.upper
-    expected = set()
-    for a in range(len(low)):
-        for b in range(a):
-            gap = np.minimum(high[a], high[b]) - np.maximum(low[a], low[b])
-            if np.sum(np.abs(gap) < 1e-9) == 1 and np.all(gap > -1e-9):
-                expected.add((b, a))
+    gap = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
+    touch = (np.sum(np.abs(gap) < 1e-9, axis=2) == 1) & np.all(gap > -1e-9, axis=2)
+    expected = {(int(a), int(b)) for a, b in np.argwhere(np.triu(touch, 1))}
     atlas.save(tmp_path / "a.npz")
     found = {tuple(sorted((c.first, c.second))) for c in gluing.contacts(reading.read(tmp_path / "a.npz"))}
     assert found == expected

@@ -127,8 +127,8 @@ def test_counts_of_cells_that_have_other_numbers_are_found(sheets, tmp_path, mon
     """Cells that hold a fold, and empty ones, said to hold two; and two, said to be empty."""
     monkeypatch.setattr(empty_cells, "_BUDGET", 1000)
     found, path = sheets
-    folded, empty = (found.tree.leaves(kind)[:4] for kind in (CellStatus.SINGULAR, CellStatus.EMPTY))
-    two = found.tree.leaves(CellStatus.CERTIFIED)[:4]
+    folded, empty = (found.tree.leaves(kind)[:2] for kind in (CellStatus.SINGULAR, CellStatus.EMPTY))
+    two = found.tree.leaves(CellStatus.CERTIFIED)[:2]
 
     def plant(arrays):
         arrays["count"][np.concatenate([folded, empty])] = 2
@@ -145,9 +145,9 @@ def test_counts_of_cells_that_have_other_numbers_are_found(sheets, tmp_path, mon
 
 
 def test_workers_count_the_same(sheets):
-    alone, shared = (verify(sheets[1], sample=3, workers=workers).claims for workers in (1, 2))
+    alone, shared = (verify(sheets[1], sample=1, workers=workers).claims for workers in (1, 2))
     assert alone == shared
-    assert alone[5].checked == 3
+    assert alone[5].checked == 1
 
 
 @pytest.mark.slow

@@ -43,6 +43,6 @@ def test_an_atlas_far_from_zero_is_proved_by_the_audit(made, tmp_path):
     known = atlas.status(points) == CellStatus.CERTIFIED
     assert np.array_equal(atlas.contains(points), known)
     atlas.save(tmp_path / "far.npz")
-    audit = verify(tmp_path / "far.npz", sample=12)
+    audit = verify(tmp_path / "far.npz", sample=5)
     assert audit.holds, str(audit)
-    assert audit.claims[1].checked == 12
+    assert audit.claims[1].checked == 5

@@ -52,14 +52,13 @@ def test_no_pose_slides_farther(tmp_path):
     slides = sliding(read)
     assert len(slides) == 2
     found = 0
-    for _ in range(60):
+    while found < 6:
         try:
-            pose = model.sigma(q0 + rng.uniform(-1.5, 1.5, 3))
+            pose = model.sigma(q0 + rng.uniform(-1.2, 1.2, 3))
         except ccpin.errors.CcpinError:
             continue
         found += 1
         assert np.all(np.abs(pose[slides]) <= look.bounds.high[slides])
-    assert found > 5
 
 
 def test_counts_within_limits_are_those_of_the_closed_form(limited):

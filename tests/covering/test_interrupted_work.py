@@ -43,7 +43,7 @@ class Pressed:
             press()
 
 
-@pytest.mark.parametrize("at", [2, 5, 9])
+@pytest.mark.parametrize("at", [2, 9])
 def test_an_interrupted_search_for_sheets_goes_on(rpdr, at):
     """It kept nothing; it keeps its cells now, and goes on from them to the same counts."""
     whole = certify_sheets(rpdr, TORUS, max_depth=5)
@@ -248,13 +248,14 @@ def test_curves_are_kept_too(rpdr, tmp_path, monkeypatch):
         return following.follow(problem, theta, kernel, going)
 
     monkeypatch.setattr(cover, "follow", counted)
-    part = domain.certify_singularities(rpdr, TORUS, checkpoint=tmp_path)
+    region = np.array([[0.99, 1.0], [2.2, 2.15]])  # with the isolated point and a piece of the fold
+    part = domain.certify_singularities(rpdr, region, checkpoint=tmp_path)
     assert not part.complete
     assert len(followed) == 1
-    whole = domain.certify_singularities(rpdr, TORUS, checkpoint=tmp_path)
-    assert len(followed) == 1 + len(whole.curves) == 4
-    again = domain.certify_singularities(rpdr, TORUS, checkpoint=tmp_path)
-    assert len(followed) == 4
+    whole = domain.certify_singularities(rpdr, region, checkpoint=tmp_path)
+    assert len(followed) == 1 + len(whole.curves) == 3
+    again = domain.certify_singularities(rpdr, region, checkpoint=tmp_path)
+    assert len(followed) == 3
     for one, other in zip(whole.curves, again.curves, strict=True):
         np.testing.assert_array_equal(one.tubes.theta, other.tubes.theta)
         np.testing.assert_array_equal(one.tubes.along, other.tubes.along)

@@ -82,7 +82,7 @@ def test_progress_is_told(rpdr):
     assert told[-1].certified == pytest.approx(atlas.certified_fraction)
 
 
-@pytest.mark.parametrize("share", [0.02, 0.3, 0.6])
+@pytest.mark.parametrize("share", [0.02, 0.5])
 def test_an_end_by_the_clock_keeps_what_is_proved(rpdr, share):
     """Wherever it ends, nothing that is counted is wrong, all boxes hold, and the rest is undecided."""
     start = time.perf_counter()
@@ -147,7 +147,7 @@ def test_an_exhaustive_search_for_empty_cells_ends_in_time():
     mechanism = ccpin.load("planar_3rrr")
     q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     start = time.perf_counter()
-    atlas = domain.certify(mechanism, q0, max_depth=4, exhaustive=True, resolution=0.1, seconds=3.0)
+    atlas = domain.certify(mechanism, q0, max_depth=4, exhaustive=True, resolution=0.1, seconds=1.5)
     assert time.perf_counter() - start < 60.0
     assert not atlas.complete
     assert len(atlas.boxes.kappa)

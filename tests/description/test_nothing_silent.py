@@ -129,16 +129,18 @@ def campaign(kind, numbers, folder):
 @pytest.mark.parametrize("kind", sorted(TEXTS))
 def test_what_is_altered_is_told(kind, tmp_path):
     """Elements and attributes renamed, removed, doubled; values swapped for 1e±300, NaN, nothing."""
-    assert not campaign(kind, range(100), tmp_path / kind)[0]
+    assert not campaign(kind, range(40), tmp_path / kind)[0]
 
 
+@pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", sorted(TEXTS))
-def test_any_number_may_be_beyond_measure(kind, tmp_path):
-    """Each number of each file, one at a time, as 1e300 or −1e300: an error of ours or none, and no warning."""
+def test_any_number_may_be_beyond_measure(kind, every, tmp_path):
+    """Each number of each file, or each third, as 1e300 or −1e300: an error of ours or none, and no warning."""
     (tmp_path / "robot.yaml").write_text(TOOLBOX_YAML)
     for name, text in TEXTS[kind].items():
         file = tmp_path / f"{name}{SUFFIX[kind]}"
-        for k, spot in enumerate(() if name in ("rpdr", "four_bar") else NUMBER.finditer(text)):
+        spots = [] if name in ("rpdr", "four_bar") else list(NUMBER.finditer(text))[::every]
+        for k, spot in enumerate(spots):
             file.write_text(text[: spot.start()] + ("1e300", "-1e300")[k % 2] + text[spot.end() :])
             how = taken(tmp_path if kind == "toolbox" else file)
             assert not how.fault, (text[spot.start() - 60 : spot.end() + 5], how.fault)
@@ -149,6 +151,6 @@ def test_any_number_may_be_beyond_measure(kind, tmp_path):
 @pytest.mark.parametrize("kind", sorted(TEXTS))
 def test_thousands_of_alterations(kind, tmp_path):
     most = int(os.environ.get("CCPIN_FUZZ", "2000"))
-    found, counts = campaign(kind, range(100, most), tmp_path / kind)
+    found, counts = campaign(kind, range(40, most), tmp_path / kind)
     sys.stdout.write(f"\n{kind}: {dict(counts)}\n")
     assert not found, "\n".join(found[:40])

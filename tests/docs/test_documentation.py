@@ -27,7 +27,7 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
         table.update(entries)
 
 
-LONG = {"docs/howto/workspace.md", "docs/pictures.md"}
+LONG = {"README.md", "docs/howto/tracking.md", "docs/howto/workspace.md", "docs/pictures.md"}
 
 
 @pytest.mark.parametrize(

@@ -186,7 +186,7 @@ def test_random_mechanisms(kind):
     check()
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(mechanisms(), seeds)
 def test_constraint_derivatives(drawn, seed):
     """D(φ_q′ q̈′ + φ̇_q′ q̇′) and D(φ_q′ w) agree with differences at open configurations too."""

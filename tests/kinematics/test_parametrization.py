@@ -47,7 +47,7 @@ def test_without_near_the_mode_is_the_references(rpdr, rpdr_model):
     """σ follows the line from the reference where the closed-form domain holds it, and raises where it does not."""
     rng = np.random.default_rng(40)
     start, reached, blocked = rpdr_model.alpha(rpdr.q_reference), 0, 0
-    for q in rng.uniform(-np.pi, np.pi, (COUNT // 4, 2)):
+    for q in rng.uniform(-np.pi, np.pi, (COUNT // 10, 2)):
         longest = elongations(start, q).max()
         if longest < 0.999:
             q_paper = to_paper(rpdr, rpdr_model.sigma(q))
@@ -57,14 +57,14 @@ def test_without_near_the_mode_is_the_references(rpdr, rpdr_model):
             with pytest.raises(ConvergenceError):
                 rpdr_model.sigma(q)
             blocked += 1
-    assert min(reached, blocked) > 50
+    assert min(reached, blocked) > 20
 
 
 def test_far_configurations_never_change_the_mode_silently(rpdr, rpdr_model):
     """From any closed configuration, σ keeps its sign of sin(q1 + q3 − q2 − q4) or raises."""
     rng = np.random.default_rng(41)
     for mode in MODES:
-        for near in oracle.random_configurations(rng, 100, mode, away=1e-3):
+        for near in oracle.random_configurations(rng, 40, mode, away=1e-3):
             q = rng.uniform(-np.pi, np.pi, 2)
             try:
                 q_free = rpdr_model.sigma(q, to_free(rpdr, near))

@@ -62,7 +62,7 @@ def campaign(count, seed=0, seconds=np.inf, say=lambda text: None):
             document.save(folder / "as_it_is.npz")
             audit = verify(folder / "as_it_is.npz")
             assert (audit.holds, audit.whole) == (True, True), f"{kind}: {audit}"
-            assert falsehood(rng, document, document, folder / "as_it_is.npz", 20) is None, kind
+            assert falsehood(rng, document, document, folder / "as_it_is.npz", 8) is None, kind
         for number in range(count):
             if time.monotonic() - start > seconds:
                 break

@@ -16,7 +16,7 @@ from ccpin.cli.progress import progress_bar
 _EXAMPLES = """\
 example: ccpin domain rpdr --centre-deg -108 -72 --atlas --depth 4 --save rpdr.json
          ccpin verify rpdr.json --model rpdr --sample 50
-         ccpin domain rpdr --curves --lower-deg 30 90 --upper-deg 80 150 --save curves.json
+         ccpin domain rpdr --curves --lower-deg 100 35 --upper-deg 140 75 --save curves.json
          ccpin verify curves.json --sample 4"""
 _BAR = "{l_bar}{bar}| {postfix} [{elapsed}<{remaining}]"
 

@@ -88,7 +88,7 @@ def test_results_print_as_their_verdicts(rpdr):
     for result in (
         certify_path(rpdr, [SEED, end]),
         ccpin.domain.theorem2(rpdr, rpdr.q_reference),
-        certify_law(law),
+        certify_law(law, max_depth=6, budget=20),
         ccpin.validated.enclose(model, law, SEED, None, 2e-3),
         ccpin.validated.enclose_set(model, law, SEED, None, 1e-3, spread=1e-5, parts=1),
     ):

@@ -15,26 +15,20 @@ from tests.support.legs import WHOLE, load_slice, with_first_leg
 from tests.support.places import ROOT
 
 
-@pytest.fixture(scope="module")
-def legs():
-    """An atlas of one branch of the 3-RPR's slice."""
+@pytest.mark.slow
+def test_nothing_empty_closes():
+    """Of 20,000 points none that is called empty has a real root of the sextic; most that have none are called so.
+
+    Certified, empty, singular, undecided and unreached add up to the region.
+    """
     mechanism = load_slice()
     q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
-    return domain.certify(mechanism, q0, WHOLE, max_depth=6, exhaustive=True)
-
-
-@pytest.mark.slow
-def test_nothing_empty_closes(legs):
-    """Of 20,000 points none that is called empty has a real root of the sextic; most that have none are called so."""
+    legs = domain.certify(mechanism, q0, WHOLE, max_depth=6, exhaustive=True)
     q = np.random.default_rng(0).uniform(*WHOLE, (20_000, 2))
     empty = legs.status(q) == CellStatus.EMPTY
     modes, doubtful = oracle.modes(with_first_leg(q))
     assert not np.any(modes[empty & ~doubtful])
     assert empty.mean() > 0.8 * (modes == 0).mean() > 0.1
-
-
-def test_all_of_the_region_is_told(legs):
-    """Certified, empty, singular, undecided and unreached add up to the region."""
     parts = legs.certified_fraction, legs.empty_fraction, legs.singular_fraction, legs.undecided_fraction
     assert sum(parts) + legs.unreached_fraction == pytest.approx(1.0, abs=1e-12)
 

@@ -60,7 +60,7 @@ def test_counts_of_the_whole_slice(slice_):
 
 def test_all_solutions_at_single_points(atlas):
     """The exhaustive search over one q finds as many as the sextic has real roots, and proves that they are all."""
-    q = np.random.default_rng(3).uniform(*WHOLE, (12, 2))
+    q = np.random.default_rng(3).uniform(*WHOLE, (6, 2))
     expected, doubtful = oracle.modes(with_first_leg(q))
     for point, number, unsure in zip(q, expected, doubtful, strict=True):
         found = all_solutions(atlas.problem, atlas.ranges, point)
@@ -110,13 +110,13 @@ def test_singular_configurations_are_all_enclosed(atlas, slice_):
             gap[:, system.dependent] -= leaning
             assert np.any(np.all(np.abs(gap) <= atlas.left.half + 1e-9, axis=1))
             seen += 1
-    assert seen > 20
+    assert seen > 10
 
 
 def singular_poses():
     """(leg, turn) with det = 0 in closed form, on a grid of turns."""
     angles = np.linspace(-np.pi, np.pi, 73)
-    for turn in np.linspace(-np.pi, np.pi, 400):
+    for turn in np.linspace(-np.pi, np.pi, 200):
         det = [np.linalg.det(cusped.jacobian((leg, turn))) for leg in angles]
         for k in np.flatnonzero(np.sign(det[:-1]) != np.sign(det[1:])):
             leg = brentq(lambda at, turn=turn: np.linalg.det(cusped.jacobian((at, turn))), *angles[k : k + 2])
@@ -271,7 +271,7 @@ def test_what_cannot_be_searched_is_refused(name, words):
 
 def test_a_budget_that_runs_out_leaves_cells_undecided(slice_):
     """What was not come to is not counted, the shares add up, and what is counted is right."""
-    atlas = domain.certify_sheets(slice_, REGION, max_depth=5, budget=8_000)
+    atlas = domain.certify_sheets(slice_, REGION, max_depth=4, budget=4_000)
     assert atlas.counted_fraction < 0.85
     assert atlas.counted_fraction + atlas.singular_fraction + atlas.undecided_fraction == pytest.approx(1.0, abs=1e-12)
     assert wrong_counts(atlas, np.random.default_rng(10).uniform(*REGION, (2000, 2)))[0] == 0

@@ -12,7 +12,7 @@ from tests.support.singular import least_singular_value
 
 @pytest.fixture(scope="module")
 def curves(rpdr):
-    return singularities(rpdr)
+    return singularities(rpdr, starts=30)
 
 
 def test_folds_are_the_stretched_loop(curves):

@@ -269,7 +269,7 @@ def test_every_closure_kind(kind, form):
 
 
 @every_form
-@settings(max_examples=50)
+@settings(max_examples=25)
 @given(drawn=mechanisms(), seed=st.integers(0, 99))
 def test_random_mechanisms(form, drawn, seed):
     """Random trees with one or two loops, planar or spatial: a form is φ itself, or is refused with the reason."""

@@ -92,7 +92,7 @@ def test_never_above_the_exact_radius(rpdr):
     """At random closed configurations of both modes, some of them near singularities, the radius stays below."""
     rng = np.random.default_rng(11)
     for mode in (1.0, -1.0):
-        for paper_order in closed_form.random_configurations(rng, 8, mode, away=1e-3):
+        for paper_order in closed_form.random_configurations(rng, 4, mode, away=1e-3):
             radius = theorem2(rpdr, configuration(rpdr, paper_order)).radius
             assert 0.0 < radius <= exact_radius(paper_order[:2])
 
@@ -144,7 +144,7 @@ def test_the_theorem_holds_all_over_the_cube(name, form):
         np.testing.assert_allclose(z, lift, rtol=0, atol=1e-9)
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(drawn=mechanisms(), seed=st.integers(0, 99))
 def test_the_theorem_holds_for_random_mechanisms(drawn, seed):
     """Wherever a radius is certified for a random tree with loops, σ exists in the cube, its lift inside the ball."""

@@ -4,15 +4,182 @@ from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
+_WELLS = ("control/stability/set_point/test_sharp_wells.py",)
+_TRACKING = ("control/stability/tracking/test_sharp_tracking.py",)
 ROOMS: tuple[Room, ...] = (
     Room(
         "control/stability/set_point/certified_cells",
-        ("CellStore.agree",),
+        (
+            "_SHARED",
+            "_COVERED",
+            "holding",
+            "Face.middle",
+            "CellStore.add_first",
+            "CellStore.face",
+            "CellStore.exposed",
+            "CellStore.extend",
+            "CellStore.split",
+            "CellStore.prove_from",
+            "CellStore.halve_proved",
+            "CellStore.agree",
+            "CellStore._append",
+            "CellStore._settle",
+            "CellStore._meet",
+            "_places_beside",
+        ),
         ("control/stability/set_point/test_sharp_cells.py",),
+        (
+            ("if face is not None", "not asked: face.upper", "a face that is flat elsewhere has no area here"),
+            ("and abs(face.lower[k] - end[k])", "left × 0.5", "it is at this end, to a billionth, or an edge away"),
+            ("if i != j and", "not asked: i != j", "a cell shares no face with itself"),
+        ),
+    ),
+    Room(
+        "control/stability/set_point/flood",
+        (
+            "Flood.run",
+            "Flood._start",
+            "Flood._flood",
+            "Flood._cross",
+            "Flood._tighten",
+            "Flood._add",
+            "Flood._push_faces",
+            "Flood._push_face",
+            "Flood._current",
+            "Flood._spent",
+            "connected",
+        ),
+        ("control/stability/set_point/test_sharp_flood.py",),
+        (
+            ("if cell.well is not None and cell.well.range_over", "not asked: cell.well is not", "members have wells"),
+            ("if cell.well is not None and cell.well.range_over", "", "β over more members is only larger"),
+            ('return found or "domain"', "'domain'", "a flood of no cell ends at once"),
+            ("or self._spent()", "not asked: self._spent()", "how much work is done"),
+            ("neighbours & self._members.keys()", "neighbours", "a face of a member parted from it is its edge too"),
+            ("self._rise(entry) <= 0.1", "", "when halving is given up"),
+            ("entry.slack <= self._budget.tolerance", "", "when halving is given up"),
+            ("self._serial += 1", "", "in which order faces of one level are taken"),
+            ("slack = found.upper - found.lower", "", "when halving is given up"),
+            ("neighbours - self._members.keys()", "", "faces between members are left out by `_current`"),
+        ),
+    ),
+    Room(
+        "control/stability/set_point/starting_cells",
+        (
+            "_SEAM",
+            "cells_of_atlas",
+            "on_the_line",
+            "_turned_to_the_law",
+            "_turns",
+            "_between",
+            "_glued_pairs",
+            "_touch_on_the_line",
+            "cells_around",
+        ),
+        ("control/stability/set_point/test_sharp_starting_cells.py",),
+        (
+            ("sprung = system.periodic &", "not asked: system.periodic", "what is not periodic is not made so"),
+            *(
+                (line, "", "which proved box is the first: the flood asks what it is good for")
+                for line in (
+                    "single = budget.cells",
+                    "good = well.beta < gain",
+                    "height = _height(",
+                    "if best is None or height > level",
+                    "if (not single and good)",
+                    "best = trials.box(_LATTICE",
+                    "if boxes is not None and well",
+                )
+            ),
+        ),
+    ),
+    Room(
+        "control/stability/set_point/theorem3",
+        (
+            "_CLEAR",
+            "SetPointCertificate.verdict",
+            "SetPointCertificate.assumes",
+            "SetPointCertificate.contains",
+            "_MemberCells.guess",
+            "_SampledRegion.guess",
+            "certify_law",
+            "_forceful",
+            "_check",
+        ),
+        ("control/stability/set_point/test_sharp_theorem3.py",),
+    ),
+    Room(
+        "control/stability/tracking/reference_tube",
+        (
+            "_WIDEN",
+            "_SAME",
+            "ReferenceTube.states",
+            "tube_of",
+            "_pieces",
+            "_cut",
+            "_check_told",
+            "_kicks",
+            "_errors",
+            "_chord_form",
+        ),
+        ("control/stability/tracking/test_sharp_reference_tube.py",),
+        (("their {name} is", "", "words"),),
+    ),
+    Room(
+        "control/stability/set_point/well",
+        ("_ROUNDING", "Well.range_over", "Well.quadratic", "Well._descend", "wells", "_efforts"),
+        _WELLS,
+        (("if np.all(np.abs(point - before)", "", "when a search ends: its point, wherever, gives a bound"),),
+    ),
+    Room(
+        "control/stability/set_point/gains",
+        (
+            "_ABOVE",
+            "_ACCURACY",
+            "local_gains",
+            "_damped",
+            "suggest_gains",
+            "_norm_over",
+            "_what_limits",
+            "_what_is_too_much",
+            "gravity_slope_over",
+        ),
+        _WELLS,
+    ),
+    Room("control/stability/tracking/deviation", ("Deviation.size", "_motion", "thickened"), _TRACKING),
+    Room("control/stability/tracking/on_line", ("online_demand", "_speed", "_newton", "_worst"), _TRACKING),
+    Room(
+        "control/stability/tracking/tube_search",
+        (
+            "_ROOM",
+            "TubeSearch.found",
+            "TubeSearch._levels",
+            "TubeSearch._open",
+            "TubeSearch._proven",
+            "TubeSearch._undecided",
+            "_reached",
+        ),
+        _TRACKING,
+    ),
+    Room(
+        "control/stability/tracking/tracking_error",
+        ("TrackingCertificate.error", "_certificate", "_bound", "_check"),
+        _TRACKING,
     ),
     Room(
         "control/stability/tracking/storage",
-        ("floor", "gain", "widths", "_inverse_form", "_inverted", "_constant", "storage_of", "_blocks"),
+        (
+            "_CLEAR",
+            "_DEFINITE",
+            "floor",
+            "gain",
+            "widths",
+            "_inverse_form",
+            "_inverted",
+            "_constant",
+            "storage_of",
+            "_blocks",
+        ),
         ("control/stability/tracking/test_sharp_storage.py", "proof/test_sharp_every.py"),
         (
             ("np.isfinite(inner)", "any instead of all", "an inverse that is not known is infinite in every entry"),
@@ -23,4 +190,50 @@ ROOMS: tuple[Room, ...] = (
     ),
 )
 
-EXCUSED: tuple[Excused, ...] = ()
+_TRIED = "which boxes are tried: Theorem K is asked of each"
+EXCUSED: tuple[Excused, ...] = (
+    Excused("control/stability/set_point/certified_cells", ("_ROOM", "_ROOM_AT_LEAST", "_roomier"), _TRIED),
+    Excused(
+        "control/stability/set_point/starting_cells",
+        ("_SHRINK", "_LARGEST", "_LATTICE", "_Trials.__init__", "_height"),
+        _TRIED,
+    ),
+    Excused(
+        "control/stability/set_point/flood",
+        ("Flood._rise", "Flood._prove_ahead"),
+        "when halving is given up, and which cells are proved along: each is glued to what it is proved from",
+    ),
+    Excused("control/stability/set_point/theorem3", ("SetPointCertificate.reason",), "words"),
+    Excused("control/stability/set_point/theorem3", ("_sampled",), "of a region that is sampled nothing is proved"),
+    Excused("control/stability/tracking/reference_tube", ("_REST",), "how long a cell counts in which nothing moves"),
+    Excused(
+        "control/stability/set_point/well",
+        ("_SWEEPS", "_SETTLED"),
+        "when a search ends: its point, wherever, gives a bound",
+    ),
+    Excused(
+        "control/stability/set_point/well",
+        ("checked_region", "sample_region"),
+        "of a region that is sampled nothing is proved",
+    ),
+    Excused(
+        "control/stability/tracking/deviation", ("_NUMBERS", "deviation_of"), "how many cells are bounded at a time"
+    ),
+    Excused(
+        "control/stability/tracking/storage",
+        ("_DECAYS", "_CROSS", "_KEPT", "plan_for", "_ellipsoids"),
+        "plans that are tried: `gain` and `widths` bound what any of them gives",
+    ),
+    Excused("control/stability/tracking/tube_search", ("_FIRST", "_MORE"), "how rooms grow that are tried"),
+    Excused("control/stability/tracking/tube_search", ("TubeSearch.__init__",), "counts rounds, for words"),
+    Excused(
+        "control/stability/tracking/tube_search",
+        ("TubeSearch._planned", "TubeSearch._stopped"),
+        "a plan that is tried, and words",
+    ),
+    Excused(
+        "control/stability/tracking/tracking_error",
+        ("_LEAST", "_MIDDLE", "_STRIDE", "_NEAR", "largest_sigma_error"),
+        "which ε are tried: each has the certificate that is told",
+    ),
+)

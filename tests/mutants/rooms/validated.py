@@ -4,6 +4,389 @@ from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
-ROOMS: tuple[Room, ...] = ()
+_WIDE = ("validated/arithmetic/test_sharp_ball_arrays.py",)
+_RECORDED = (
+    *(
+        f"validated/test_joints.py::test_recorded_dynamics[{name}]"
+        for name in (
+            "ball, independent",
+            "ball and universal",
+            "ball with a spring",
+            "ball, dependent",
+            "continuous",
+            "geared",
+            "floating",
+            "planar",
+            "rod",
+            "redundant",
+        )
+    ),
+    "validated/model/test_sharp_recorded.py",
+    "validated/model/test_recorded_loop.py::test_recorded_dynamics[slider_crank-stated1]",
+)
+_RANDOM = "validated/test_joints.py::test_random_mechanisms_of_every_kind[6]"
+_MOTIONS = ("validated/flow/test_sharp_motions.py",)
+_TUBES = ("validated/sets/test_sharp_state_tubes.py",)
+_STEP = ("validated/flow/test_sharp_step.py",)
+_BOXES = ("validated/sets/test_sharp_state_boxes.py",)
+_SMALLER = ("0.001", "0.0001", "1e-06", "1e-08", "1e-10")
+_DEFECT = ("validated/flow/test_sharp_defect.py",)
+_PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
+ROOMS: tuple[Room, ...] = (
+    Room(
+        "validated/arithmetic/ball_arrays",
+        (
+            "_UNIT",
+            "_LEAST",
+            "_OUT",
+            "_TRIGONOMETRIC",
+            "BallArray.__add__",
+            "BallArray.__sub__",
+            "BallArray.__mul__",
+            "BallArray.__matmul__",
+            "BallArray.size",
+            "raised",
+            "hull",
+            "of_balls",
+            "sine_and_cosine",
+            "inverse",
+        ),
+        _WIDE,
+        (("reach = np.maximum(", "minimum instead", "they differ by the middle's rounding, which is counted below"),),
+    ),
+    Room(
+        "validated/arithmetic/balls",
+        ("_put_together", "around", "finite", "gain"),
+        _WIDE,
+        (("if not z < 1", "left × 0.5", "from half a turn on the function is no number, nor is a hull of it"),),
+    ),
+    Room(
+        "validated/arithmetic/tape",
+        ("Tape.sincos", "Tape.derivative", "Tape.program", "Tape._slope", "Tape._record", "is_zero"),
+        _PROGRAMS,
+        (
+            ("shareable = kind not in", "not asked: kind not in", "what is recorded twice is one value all the same"),
+            ("not isinstance(value, Node) and", "not asked: not isinstance", "a node equals no number"),
+        ),
+    ),
+    Room(
+        "validated/arithmetic/series",
+        (
+            "_values",
+            "_value",
+            "gradients",
+            "_gradient",
+            "_solution_gradient",
+            "all_series",
+            "extend",
+            "_advance",
+            "_trigonometric",
+            "_composed",
+            "_solution",
+            "_inverse",
+        ),
+        (*_PROGRAMS, *_DEFECT),
+        (
+            ("[None] * (program.size - size)", "without size", "values that no one asks for"),
+            ("slopes[:size] = zero + np.eye", "without zero", "0 and 1 as numbers do as well"),
+            ("found[k] = [narrowed(*entry)", "left out", "narrows what holds as it is"),
+            ("elif item.kind != PART and", "not asked: item.kind != PART", "narrowed again, from the same"),
+            ("inverses[matrix] = known", "left out", "found again where it is needed"),
+        ),
+    ),
+    Room(
+        "validated/arithmetic/jets",
+        (
+            "_JetEvaluation.__init__",
+            "_JetEvaluation.visit",
+            "_JetEvaluation.product",
+            "_JetEvaluation.composed",
+            "_JetEvaluation.trigonometric",
+            "_JetEvaluation.solution",
+            "_JetEvaluation.table",
+            "narrowed",
+            "_narrower",
+            "_shared",
+            "_sum",
+            "_spread",
+            "_outer",
+        ),
+        _PROGRAMS,
+        (
+            ("[None] * (size - len(inputs))", "without len(inputs)", "values that no one asks for"),
+            ("if self.order >= 1", "left × 2", "the same of whole numbers"),
+            ("list[BallArray | None](jet)", "not asked", "a type, which says nothing"),
+            ("if x is None or rate is None", "not asked: x is None", "where a derivative is zero, so are the next"),
+            ("better = found.rad < x.rad[half:]", "left × 0.5", "the value is in both"),
+        ),
+    ),
+    Room(
+        "validated/model/recorded_tree",
+        (
+            "ExactJoint.turning_axes",
+            "exact_joints",
+            "exact_placement",
+            "_exact_rotation",
+            "_rotation",
+            "poses",
+            "_motion",
+            "_turn",
+            "rates",
+            "closure_rows",
+            "_coupling_row",
+            "_loop_rows",
+            "_SNAP",
+        ),
+        _RECORDED,
+        (
+            ("return self.kind.unit == 4 or", "not asked: self.kind.unit == 2", "several freedoms: a unit length"),
+            ("if joint.parent in found and", "not asked: joint.number != root", "a root's parent is not beyond it"),
+        ),
+    ),
+    Room(
+        "validated/model/recorded_forces",
+        ("closure_terms", "dynamic_terms", "with_springs", "_body_rates"),
+        _RECORDED,
+        (
+            ("right[row, entries] = -psi[row, known]", "left out", "zeros: such a row is of other velocities"),
+            ("x_rate[list(q.places)] = v", "left out", "the same by what ρ is, only in wider balls"),
+        ),
+    ),
+    Room(
+        "validated/model/closed_loop",
+        ("recorded_loop", "too_far_turned", "_independent_rows", "_sprung", "_unit_lengths"),
+        _RECORDED,
+        (
+            ("if told is not None and not told.idle", "not asked: not", "asks for more than is needed"),
+            ("if told is not None and not told.idle", "not asked: told", "a law that says nothing is refused before"),
+            ("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),
+        ),
+    ),
+    Room("validated/model/closed_loop", ("ClosedLoop.at_rest",), _BOXES),
+    Room("validated/model/recorded_laws", ("law_terms", "_goal", "efforts", "require_sampled"), _RECORDED),
+    Room(
+        "validated/model/recorded_coordinates",
+        ("layout_of", "_windows", "numbers_of", "on_manifold", "unwound", "configuration"),
+        (*_RECORDED, _RANDOM),
+    ),
+    Room(
+        "validated/model/ball_joints",
+        ("BallTurn.relative", "ball_at", "turns_of", "turn_rows", "turn_rates", "upright"),
+        (*_RECORDED, _RANDOM),
+        (("sign = 1 if float(near", "0 left out", "half a turn away either sign is as near"),),
+    ),
+    Room(
+        "validated/flow/step",
+        ("QUANTUM", "evaluate", "attempt", "_piece", "_exponential", "march"),
+        _STEP,
+        (
+            ("box = [around(x, x.rad() * 1e-4", "", "a box that is tried: that it holds its image is asked"),
+            ("if keep_negative or bound > 0", "0 let in", "the same number"),
+            ("boldness", "", "how long a step is tried"),
+            ("_SINGULAR + ", "", "words"),
+        ),
+    ),
+    Room("validated/sets/propagation", ("instants_of",), _STEP),
+    Room(
+        "validated/flow/closing",
+        ("_UNIQUE", "closed_start", "unique_there", "krawczyk", "_assemble"),
+        _BOXES,
+        (
+            ("_UNIQUE =", "0.01 × 0.", "smaller is asking for more"),
+            *(("_UNIQUE =", f"{x} × ", "any radius does for which Krawczyk's condition holds") for x in _SMALLER),
+        ),
+    ),
+    Room(
+        "validated/sets/branch",
+        ("closed_boxes", "states_of", "_write", "jets_of", "_inputs"),
+        (*_BOXES, _TUBES[0] + "::test_tubes_of_linear_flows_reach_their_corners"),
+        (
+            ("floor = open_by + _SMALLEST", "", "radii that are tried: Krawczyk's condition is asked of each"),
+            ("radius[:, dependent] = floor", "left out", "radii that are tried: Krawczyk's condition is asked of each"),
+            ("[still] * (loop.field.inputs", "without loop.n_x", "inputs that no one asks for"),
+        ),
+    ),
+    Room(
+        "validated/sets/curvature",
+        ("_middles", "boxes", "_in_pieces", "curvature_over", "feedback", "_flow", "_flow_jets"),
+        (*_BOXES, _TUBES[0] + "::test_tubes_of_linear_flows_reach_their_corners"),
+        (
+            ("[:, list(loop.independent)] + _POINT", "without _POINT", "a box of any size that is proved holds σ"),
+            ("reach = raised(large.rad", "1e-15 × ", "the middle's own rounding is a tenth of it"),
+            ("reach = raised(large.rad", "1e-12 × ", "`raised` is above these roundings too"),
+            ("reach = raised(large.rad", "without 1e-12", "`raised` is above these roundings too"),
+        ),
+    ),
+    Room(
+        "validated/flow/crossing",
+        ("sign_of", "find_crossing", "_other_coordinates", "_located", "witness_of"),
+        (*_MOTIONS, "validated/flow/test_crossing_signs.py"),
+        (
+            ("return int(lower(value)", "0 let in", "`lower` is below what it bounds"),
+            ("if found == 0 or not first < middle", "not asked: not first", "where halving ends"),
+            ("middle = 0.5 * (first + last)", "0.5 × ", "where halving looks"),
+        ),
+    ),
+    Room(
+        "validated/sets/arrival",
+        (
+            "_MARGIN",
+            "unconnected",
+            "lyapunov",
+            "single_valued",
+            "goal_of",
+            "SetArrival.__call__",
+            "SetArrival._highest",
+        ),
+        (*_MOTIONS, "validated/sets/test_one_turn_on.py::test_where_the_lyapunov_function_is_one_function"),
+        (
+            ("if regularity > 0 and room_left > 0", "0 let in", "0 either way"),
+            ("options._replace(shortest=2.0**-12)", "2 × ", "how far a step is shortened before it is given up"),
+        ),
+    ),
+    Room(
+        "validated/sets/move",
+        ("certify_move", "_of_a_set", "_run", "_level"),
+        _MOTIONS,
+        (("assert not isinstance(arrival", "", "what holds of any that is told apart before"),),
+    ),
+    Room(
+        "validated/flow/enclosure",
+        (
+            "Enclosure.smallest_determinant",
+            "Enclosure.inputs",
+            "Enclosure.contains",
+            "Enclosure._nearest",
+            "Enclosure.energy",
+            "enclose",
+            "collect",
+            "left_open",
+            "_bounds",
+        ),
+        _MOTIONS,
+    ),
+    Room("validated/flow/motion_task", ("exact_q",), _MOTIONS),
+    Room(
+        "validated/sets/set_enclosure",
+        ("SetEnclosure.contains", "enclose_set", "starts_of"),
+        _MOTIONS,
+    ),
+    Room(
+        "validated/sets/tube_theorem",
+        ("advance", "_fitting", "_stretch", "_terms"),
+        _TUBES,
+        (
+            ("if not np.all(kept < room)", "any", "u ≤ room, and so kept < u fails where kept < room does"),
+            ("if not np.all(kept < room)", "left × 0.5", "u ≤ room, and so kept < u fails where kept < room does"),
+            ("inside = np.minimum(kept", "1e-300", "which u is tried: kept < u is asked of it"),
+            ("delta = off.sum(axis=2)", "1e-12", "`raised` is above these roundings too"),
+        ),
+    ),
+    Room(
+        "validated/sets/propagation",
+        ("first_section", "fastest_rate", "sampled_section", "grow"),
+        _TUBES,
+        (
+            ("return CrossSection(exactly(np.diag(edges))", "1 × 1.1", "a larger bound"),
+            ("return CrossSection(exactly(np.diag(edges))", "1 × 2", "a larger bound"),
+            ("return CrossSection(exactly(np.diag(edges))", "1e-15 × ", "above two roundings all the same"),
+            *(
+                (line, "", "how slices, batches and room are chosen; `advance` proves the tube with any")
+                for line in (
+                    "moved = np.abs(",
+                    "moved[loop.n_x :] /= max",
+                    "count = math.ceil(",
+                    "batch = most = max(",
+                    "room = np.tile(",
+                    "batch = min(most",
+                    "if not found and batch > 1",
+                    "elif not found and count < finest",
+                    "if growth(found[-1]) > _GROWTH",
+                )
+            ),
+        ),
+    ),
+    Room(
+        "validated/sets/subdivision",
+        (
+            "_COVERING",
+            "Starts.halves",
+            "Tube.duration",
+            "Tube.coordinates",
+            "Tube._slice",
+            "cover",
+            "_grown",
+            "_motion",
+            "_at_a_sample",
+            "_widest",
+        ),
+        _TUBES,
+        (
+            ("_COVERING = 1.0 + 1e-12", "1e-12 × 0.9", "a thousand roundings all the same"),
+            ("_COVERING = 1.0 + 1e-12", "1e-12 × 1.1", "a larger box"),
+            ("smaller = smaller + ", "4e-16 × 1.1", "a larger box"),
+            ("smaller = smaller + ", "4e-16 × 2", "a larger box"),
+            ("smaller = smaller + ", "without 1.0", "what a middle is moved by is rounded by less than 1e-12 of it"),
+            ("smaller = smaller + ", "1 × ", "what a middle is moved by is rounded by less than 1e-12 of it"),
+        ),
+    ),
+    Room(
+        "validated/flow/defect",
+        (
+            "sizes_along",
+            "_AlongPolynomial.over",
+            "_AlongPolynomial.bound",
+            "_AlongPolynomial.visit",
+            "_AlongPolynomial.rest",
+            "_AlongPolynomial.composed",
+            "_AlongPolynomial.solution",
+            "_AlongPolynomial.range",
+        ),
+        _DEFECT,
+        (
+            ("for _ in range(program.size - program.inputs)", "without program.inputs", "values that no one asks for"),
+            ("low, tail, total = [ball(1)", "without 1", "a coefficient that no one asks for"),
+        ),
+    ),
+)
 
-EXCUSED: tuple[Excused, ...] = ()
+_CHOSEN = "chooses the length of a step, which `attempt` proves"
+EXCUSED: tuple[Excused, ...] = (
+    Excused("validated/sets/arrival", ("RETRY",), "when `unconnected` is asked again"),
+    Excused("validated/flow/step", ("SHORTEST_STEP",), "how far a step is shortened before it is given up"),
+    Excused(
+        "validated/flow/motion_task",
+        ("_check_options",),
+        "which arguments are refused: those let in are only slow or useless",
+    ),
+    Excused("validated/sets/set_enclosure", ("checked_cut", "told"), "which arguments are refused, and words"),
+    Excused(
+        "validated/sets/tube_theorem",
+        ("_TIGHT", "frames"),
+        "frames and bounds that are tried: `_fitting` asks what is proved",
+    ),
+    Excused(
+        "validated/sets/propagation",
+        ("_FINE", "_STRIDE", "_ROOM", "_AIR", "_THINNEST", "_GROWTH", "_PARALLEL", "_turned", "_units", "growth"),
+        "how slices, frames and room are chosen; `advance` proves the tube with any",
+    ),
+    Excused("validated/sets/subdivision", ("_tube",), "words, and the numbers in them"),
+    Excused("validated/flow/step", ("_GROWTH", "_longest", "_blown_up", "_correction", "_affordable"), _CHOSEN),
+    Excused("validated/flow/closing", ("_newton", "_sharpened"), "looks for numbers with which `krawczyk` may hold"),
+    Excused(
+        "validated/sets/branch",
+        ("_INFLATION", "_SMALLEST"),
+        "radii that are tried: Krawczyk's condition is asked of each",
+    ),
+    Excused(
+        "validated/sets/branch",
+        ("nearly_closed",),
+        "Newton's method proposes centres; `closed_boxes` proves boxes there",
+    ),
+    Excused(
+        "validated/sets/curvature", ("_POINT", "_LARGER"), "sizes of boxes that are tried: each is proved to hold σ"
+    ),
+    Excused(
+        "validated/arithmetic/balls", ("flint",), "python-flint is imported, with what copies a ball: found or not"
+    ),
+)

@@ -284,7 +284,7 @@ class _SingularEquations:
         start = self.mechanism.q_reference + spread * generator.uniform(-1.0, 1.0, self.n_free)
         jacobian = np.vstack([self.constraints.value(start).jacobian, self.rows(start, np.zeros(self.n_free))[0]])
         x = np.concatenate([start, np.linalg.svd(jacobian)[2][-1]])
-        found = optimize.least_squares(self.residual, x, jac=self.jacobian, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        found = optimize.least_squares(self.residual, x, jac=self.jacobian, xtol=1e-15, ftol=1e-15, gtol=1e-8)
         settled = self.correct(found.x)
         return None if settled is None or not self.constraints.aligned(settled[: self.n_free]) else settled
 

@@ -31,14 +31,14 @@ UPRIGHT, UPRIGHT_MODE = np.radians([90.0, 90.0]), np.radians([90.0, -30.0, 90.0,
 def _case(name):
     """A law, its certificate and how long its motions take to settle."""
     model = ccpin.ReducedModel(ccpin.load(name))
-    q_d, k_p, k_v, budget, duration = {
+    q_d, k_p, k_v, (depth, cells), duration = {
         "rpdr": (GOAL, K_P, K_V, (11, 700), 1.0),
         "delta": (np.zeros(3), np.full(3, 30.0), np.full(3, 4.0), (9, 150), 2.0),
-        "stewart": (model.alpha(model.mechanism.q_reference), np.full(6, 4e3), np.full(6, 300.0), None, 0.8),
-        "hexa": (model.alpha(model.mechanism.q_reference), np.full(6, 100.0), np.full(6, 5.0), None, 1.0),
+        "stewart": (model.alpha(model.mechanism.q_reference), np.full(6, 4e3), np.full(6, 300.0), (None, None), 0.8),
+        "hexa": (model.alpha(model.mechanism.q_reference), np.full(6, 100.0), np.full(6, 5.0), (None, None), 1.0),
     }[name]
     law = PDSimpleGravity(model, q_d, k_p, k_v)
-    return law, certify_law(law, max_depth=budget[0], budget=budget[1]), duration
+    return law, certify_law(law, max_depth=depth, budget=cells), duration
 
 
 def _stopped_after(cells, how):
@@ -66,7 +66,7 @@ def test_interrupted_it_keeps_what_it_proved():
 def test_what_progress_raises_ends_it():
     """Told before every cell; an exception comes through, from the search over an atlas's boxes too."""
     law, *_ = _case("rpdr")
-    atlas = certify(law.model, GOAL, max_depth=6)
+    atlas = certify(law.model, GOAL, max_depth=4)
 
     def leave():
         raise TimeoutError
@@ -104,8 +104,8 @@ def _closed_form_slope(q, step=1e-5):
 
 @lru_cache
 def _grid():
-    """Well and slope of the closed form on a 1° grid over ±65° about the set point, where it can be assembled."""
-    axis = np.radians(np.arange(-65.0, 65.5, 1.0))
+    """Well and slope of the closed form on a 2° grid over ±64° about the set point, where it can be assembled."""
+    axis = np.radians(np.arange(-64.0, 64.5, 2.0))
     points = [GOAL + np.array([x, y]) for x in axis for y in axis]
     points = np.array([q for q in points if 0.01 < oracle.elongation(q) < 0.995])
     return points, np.array([_closed_form_well(q) for q in points]), np.array([_closed_form_slope(q) for q in points])
@@ -189,7 +189,7 @@ def test_rpdr_beta_is_a_bound():
     certificate = _case("rpdr")[1]
     points, _, slope = _grid()
     inside = np.array([certificate.contains(q) for q in points])
-    assert inside.sum() > 1000
+    assert inside.sum() > 250
     assert slope[inside].max() <= certificate.beta < certificate.gain == 11.0
 
 

@@ -1,0 +1,207 @@
+"""What a certificate of a set point says, just where it does and does not; what is asked of a flood, and of whom."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ccpin.control.stability.set_point import theorem3 as module
+from ccpin.control.stability.set_point.flood import Budget, Sublevel
+from ccpin.control.stability.set_point.theorem3 import SetPointCertificate, _MemberCells, _SampledRegion, certify_law
+from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
+from tests.support.flat_cells import boxes_about
+
+
+def certificate(law=None, region=None, **more):
+    known = {
+        "law": law, "level": 2.0, "level_domain": 3.0, "beta": 1.0, "slope": 1.0, "gain": 4.0, "stiffness": 2.0,
+        "rigorous": True, "method": "", "limit": "domain", "touch": np.zeros(2), "proved": 3, "_region": region,
+    }  # fmt: skip
+    return SetPointCertificate(**known | more)
+
+
+@pytest.mark.parametrize(
+    ("given", "verdict"),
+    [
+        ({}, "proven"), ({"rigorous": False}, "undecided"),
+        ({"level": 0.0}, "undecided"), ({"level": 1e-300}, "proven"),
+        ({"stiffness": -0.95e-9 * 4.0}, "proven"), ({"stiffness": -1.05e-9 * 4.0}, "refuted"),
+        ({"stiffness": -3.0}, "refuted"), ({"slope": (1 + 0.95e-9) * 4.0}, "proven"),
+        ({"slope": (1 + 1.05e-9) * 4.0}, "refuted"), ({"slope": 2.1}, "proven"), ({"slope": 3.9}, "proven"),
+        ({"slope": 4.3}, "refuted"), ({"slope": 9.0, "level": 0.0}, "refuted"),
+    ],
+)  # fmt: skip
+def test_verdicts_on_set_points(given, verdict):
+    """Refuted where at q_d itself K_p + ∂g/∂q is not positive definite or ‖∂g/∂q‖ is not below k."""
+    assert certificate(**given).verdict == verdict
+
+
+def test_what_is_assumed_of_a_mechanism(monkeypatch):
+    monkeypatch.setattr(module, "limits_left_out", lambda mechanism: ("limits",))
+    monkeypatch.setattr(module, "mass_assumed", lambda mechanism: ("mass",))
+    law = SimpleNamespace(model=SimpleNamespace(mechanism=None))
+    assert certificate(law).assumes == ("limits", "mass")
+
+
+def test_states_from_which_motions_converge(monkeypatch):
+    """Where a configuration of the branch is known and 𝒱 is below the level."""
+    monkeypatch.setattr(module, "checked_q", lambda _, q: np.asarray(q, float))
+    law = SimpleNamespace(
+        model=SimpleNamespace(coordinates=None, n=2), lyapunov=lambda q, v, guess: float(q[0] + v[1] + guess[0])
+    )
+    region = SimpleNamespace(guess=lambda q: None if q[1] > 0.0 else np.array([1.0]))
+    one = certificate(law, region)
+    for q, v, held in (
+        ([0.5, 0.0], None, True), ([0.99, 0.0], None, True), ([1.0, 0.0], None, False), ([1.5, 0.0], None, False),
+        ([0.5, 1.0], None, False), ([0.5, 0.0], [0.0, 0.4], True), ([0.5, 0.0], [0.0, 0.6], False),
+    ):  # fmt: skip
+        assert one.contains(q, v) is held
+    assert certificate(law, None).contains([0.0, 0.0]) is False
+
+
+def test_configurations_of_the_cell_that_holds_a_point(monkeypatch):
+    """From its own centre; none where no cell holds it."""
+    monkeypatch.setattr(module, "predict", lambda problem, box, delta: np.hstack([box.centre[:, :2] + delta, delta]))
+    lower, upper = np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[1.0, 1.0], [3.0, 1.0]])
+    store = SimpleNamespace(
+        boxes=lambda numbers: boxes_about([{4: (0.5, 0.5), 7: (2.0, 0.5)}[k] for k in numbers], [[1.0, 1.0]]),
+        problem=SimpleNamespace(system=SimpleNamespace(independent=np.array([0, 1]))),
+        reading=SimpleNamespace(configuration=lambda theta: theta),
+    )
+    members = _MemberCells(store, (4, 7), lower, upper)
+    np.testing.assert_allclose(members.guess(np.array([2.5, 0.25])), [2.5, 0.25, 0.5, -0.25])
+    np.testing.assert_allclose(members.guess(np.array([0.25, 1.0])), [0.25, 1.0, -0.25, 0.5])
+    assert members.guess(np.array([2.0, 1.5])) is None
+
+
+def test_configurations_in_a_sampled_region():
+    """From q_d, where q is inside and σ is found."""
+
+    def sigma(q, near):
+        if q[0] == 1.5:
+            raise CcpinError
+        return near + q
+
+    law = SimpleNamespace(q_free_d=np.array([10.0, 20.0]), model=SimpleNamespace(sigma=sigma))
+    region = _SampledRegion(law, np.array([1.0, -1.0]), np.array([2.0, 3.0]))
+    np.testing.assert_array_equal(region.guess(np.array([1.0, 3.0])), [11.0, 23.0])
+    for q in ([1.5, 0.0], [0.9, 0.0], [2.1, 0.0], [1.2, -1.1], [1.2, 3.1], [0.0, 9.0], [3.0, 4.0]):
+        assert region.guess(np.array(q)) is None
+
+
+# What is asked of a flood.
+
+GRAVITY = np.array([[-1.0, 0.5], [0.5, 2.0]])
+GAINS = np.diag([4.0, 6.0])
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """`certify_law` with floods that tell what is given."""
+    told = SimpleNamespace(found=[], floods=[], proved=7)
+
+    class Told:
+        def __init__(self, store, good, budget, go_on):
+            told.floods.append((good, budget))
+            assert go_on(SimpleNamespace())
+
+        def run(self, q_d):
+            return told.found[len(told.floods) - 1]
+
+    class Atlas(SimpleNamespace):
+        pass
+
+    store = SimpleNamespace(proved=told.proved)
+    monkeypatch.setattr(module, "Flood", Told)
+    monkeypatch.setattr(module, "Atlas", Atlas)
+    monkeypatch.setattr(module, "_check", lambda law: None)
+    monkeypatch.setattr(module, "require_about", lambda *_: None)
+    monkeypatch.setattr(module, "cells_around", lambda *_: store)
+    monkeypatch.setattr(module, "cells_of_atlas", lambda *_: store)
+    monkeypatch.setattr(module, "_members", lambda *_: "members")
+    monkeypatch.setattr(module, "_sampled", lambda *_: "sampled")
+    told.atlas = Atlas(boxes=SimpleNamespace(kappa=np.zeros(5)))
+    told.law = SimpleNamespace(
+        model=SimpleNamespace(gravity_derivative=lambda *_: GRAVITY, n=2), q_d=np.zeros(2), q_free_d=None, K_p=GAINS
+    )
+    return told
+
+
+def sublevel(level, limit, beta=3.0):
+    return Sublevel(level, (1, 2), beta, limit, np.array([1.0, 2.0]))
+
+
+def well(beta, effort):
+    return SimpleNamespace(beta=beta, effort=effort)
+
+
+def test_certificates_of_levels(asked):
+    """K, the least eigenvalue of K_p + ∂g/∂q and ‖∂g/∂q‖₂ at q_d; β of the members, or at q_d."""
+    asked.found = [sublevel(1.5, "domain")]
+    made = certify_law(asked.law)
+    assert (made.level, made.level_domain, made.beta, made.limit, made.rigorous) == (1.5, 1.5, 3.0, "domain", True)
+    assert made.gain == 4.0
+    assert made.stiffness == pytest.approx(np.linalg.eigvalsh(GAINS + GRAVITY)[0], rel=1e-12)
+    assert made.slope == pytest.approx(np.linalg.norm(GRAVITY, 2), rel=1e-12)
+    assert made.proved == 7
+    assert len(asked.floods) == 1
+    asked.floods.clear()
+    asked.found = [sublevel(0.0, "domain", np.nan)]
+    assert certify_law(asked.law).beta == pytest.approx(np.linalg.norm(GRAVITY, 2), rel=1e-12)
+
+
+def test_members_are_good_where_the_gain_condition_holds_and_motors_have_a_grip(asked):
+    asked.found = [sublevel(1.5, "domain")]
+    certify_law(asked.law)
+    good = asked.floods[0][0]
+    assert good(well(3.99, 1.0))
+    assert good(well(3.99, 1e-300))
+    for wrong in (well(4.0, 1.0), well(6.0, 1.0), well(3.0, 0.0), well(3.0, -1.0), well(9.0, -1.0)):
+        assert not good(wrong)
+
+
+@pytest.mark.parametrize("limit", ["gain", "depth"])
+def test_levels_whatever_the_gains(asked, limit):
+    """A second flood, of cells where motors have a grip, with as many cells more; at least the first level."""
+    for second, expected in ((2.5, 2.5), (1.0, 1.5)):
+        asked.floods.clear()
+        asked.found = [sublevel(1.5, limit), sublevel(second, "domain")]
+        made = certify_law(asked.law, budget=Budget(3, 11))
+        assert (made.level, made.level_domain) == (1.5, expected)
+        (_, first), (good, more) = asked.floods
+        assert (first, more) == (Budget(3, 11), Budget(3, 11 + 7))
+        assert good(well(99.0, 1e-300))
+        assert not good(well(1.0, 0.0))
+        assert not good(well(1.0, -1.0))
+
+
+def test_budgets_of_floods(asked):
+    """By the number of coordinates, and as many more as an atlas brings; a region is sampled."""
+    asked.found = [sublevel(1.5, "domain")] * 2
+    certify_law(asked.law)
+    made = certify_law(asked.law, asked.atlas)
+    assert [budget for _, budget in asked.floods] == [Budget(14, 2000), Budget(14, 2005)]
+    assert "5 boxes" in made.method
+    assert certify_law(asked.law, (np.zeros(2), np.ones(2))) == "sampled"
+
+
+def law(kind="pd", plural=False, elsewhere=False, scalar=True, constant=True):
+    joint = SimpleNamespace(kind=SimpleNamespace(nv=3 if plural else 1))
+    tree = SimpleNamespace(joint=lambda name: joint, split=lambda name: (name, None))
+    mechanism = SimpleNamespace(
+        name="m", actuated=("c", "b") if elsewhere else ("a", "b"), independent=("a", "b"), tree=tree
+    )
+    coordinates = SimpleNamespace(scalar=scalar, constant=constant)
+    return SimpleNamespace(kind=kind, model=SimpleNamespace(mechanism=mechanism, coordinates=coordinates))
+
+
+def test_what_the_theorem_is_about(monkeypatch):
+    """PD with constant gravity, plain coordinates; motors of one freedom, where they are elsewhere."""
+    monkeypatch.setattr(module, "kind_of", lambda one: one.kind)
+    for fine in (law(), law(plural=True), law(elsewhere=True)):
+        module._check(fine)
+    with pytest.raises(InvalidInputError):
+        module._check(law("pd_gravity"))
+    for wrong in (law(plural=True, elsewhere=True), law(scalar=False), law(constant=False)):
+        with pytest.raises(UnsupportedMechanismError):
+            module._check(wrong)

@@ -1,0 +1,618 @@
+"""What is told of enclosed motions: where they are, that they arrive, that they meet a singularity."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("flint")
+
+import ccpin
+from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.validated.arithmetic.ball_arrays import BallArray
+from ccpin.validated.arithmetic.balls import ball, flint
+from ccpin.validated.arithmetic.tape import Tape
+from ccpin.validated.flow import crossing, regularity
+from ccpin.validated.flow import enclosure as enclosing
+from ccpin.validated.flow.enclosure import collect, left_open
+from ccpin.validated.flow.motion_task import exact_q
+from ccpin.validated.flow.step import ProvenStep, Stuck, start_of
+from ccpin.validated.model.closed_loop import recorded_loop
+from ccpin.validated.sets import arrival, move
+from ccpin.validated.sets import set_enclosure as sets
+from ccpin.validated.sets.curvature import Instants
+from ccpin.validated.sets.subdivision import TOO_EARLY
+from ccpin.validated.sets.tube_theorem import TimeSlice
+from tests.oracles import rpdr as oracle
+from tests.support.paper import GOAL, K_P, K_V, START
+from tests.support.parabola import parabola
+
+FREE = [0, 2, 1, 3]
+
+
+@pytest.fixture(autouse=True)
+def _precision():
+    with flint().ctx.workprec(120):
+        yield
+
+
+def arb(mid, rad=0.0):
+    return flint().arb(mid, rad)
+
+
+def plain(k, unit=0, q=None):
+    return SimpleNamespace(x=slice(k, k + 1), q=q or slice(k, k + 1), kind=SimpleNamespace(unit=unit))
+
+
+def jointed(**more):
+    one = parabola()
+    one.joints = (plain(0), plain(1))
+    for name, value in more.items():
+        setattr(one, name, value)
+    return one
+
+
+def line(begin, length, errors=(0.0, 0.25, 0.5), quantity=1.0):
+    """A step of q = begin + t, y = 2, v = 3 − t."""
+    polynomial = [[ball(begin), ball(1)], [ball(2), ball(0)], [ball(3), ball(-1)]]
+    boxes = [
+        [arb(begin + length / 2, length), arb(2, 0.5), arb(3, 1)],
+        [arb(begin, 2 * length), arb(2, 0.25), arb(3, 2)],
+    ]
+    end = [ball(begin + length), arb(2, 0.125), arb(3 - length, 0.0625)]
+    return ProvenStep(length, polynomial, 0.0, [ball(e) for e in errors], boxes, quantity, start_of(end))
+
+
+def enclosed(**more):
+    one = jointed(**more)
+    steps = [line(4.0, 0.25, quantity=3.0), line(4.25, 0.5, quantity=2.0)]
+    return collect(one, [ball(4), arb(2, 0.0625), ball(3)], steps, "", 120)
+
+
+def test_the_times_and_boxes_of_an_enclosure():
+    found = enclosed()
+    assert found.times.tolist() == [0.0, 0.25, 0.75]
+    assert found.verdict == "proven"
+    np.testing.assert_allclose(found.q_free, [[4.0, 2.0], [4.25, 2.0], [4.75, 2.0]])
+    np.testing.assert_allclose(found.q_free_radius[:, 1], [0.0625, 0.125, 0.125])
+    np.testing.assert_allclose(found.v_radius[1:, 0], 0.0625)
+    np.testing.assert_allclose(found.q_free_lower, [[3.5, 1.5], [3.25, 1.5]])
+    np.testing.assert_allclose(found.q_free_upper, [[4.5, 2.5], [5.25, 2.5]])
+    np.testing.assert_allclose(found.v_lower[:, 0], 1.0)
+    np.testing.assert_allclose(found.v_upper[:, 0], 5.0)
+    assert found.determinant.tolist() == [3.0, 2.0]
+    assert found.smallest_determinant == 2.0
+    assert found.left_open.tolist() == [0.0, 0.0]
+    assert collect(jointed(), [ball(4), ball(2), ball(3)], [], "", 120).smallest_determinant == np.inf
+    stopped = collect(jointed(), [ball(4), ball(2), ball(3)], [line(4.0, 0.25)], "why", 120)
+    assert (stopped.verdict, "why" in stopped.reason) == ("undecided", True)
+    met = crossing.Crossing(0.5, 0.75, None)
+    assert collect(jointed(), [ball(4), ball(2), ball(3)], [], "why", 120, met).verdict == "refuted"
+
+
+def test_boxes_in_doubles_are_rounded_outwards():
+    third = ball(1) / 3
+    found = enclosing._bounds(jointed(), [third, arb(2, 0.25), third])
+    assert abs(third - found.q_free[0]) <= ball(found.q_free_radius[0])
+    assert 0.0 < found.q_free_radius[0] < 1e-16
+    assert found.q_free_radius[1] == pytest.approx(0.25)
+
+
+def test_states_at_times():
+    """Of the step that a time is in, from its beginning; at knots the later one's."""
+    found = enclosed()
+    for t, begin in ((0.0, 4.0), (0.125, 4.0), (0.25, 4.25), (0.5, 4.25), (0.75, 4.25)):
+        since = t if t < 0.25 else t - 0.25
+        q, y, v = found.inputs(t)
+        assert float(q.mid()) == begin + since
+        assert float(y.rad()) == pytest.approx(0.25)
+        assert float(v.mid()) == 3.0 - since
+        assert float(v.rad()) == pytest.approx(0.5)
+    for t in (-1e-9, 0.75 + 1e-9, np.nan):
+        with pytest.raises(InvalidInputError):
+            found.inputs(t)
+    alone = collect(jointed(), [ball(4), ball(2), ball(3)], [], "", 120)
+    assert [float(x) for x in alone.inputs(0.0)] == [4.0, 2.0, 3.0]
+
+
+def test_what_is_in_an_enclosure():
+    """All numbers, each in its ball, wider by the tolerance."""
+    found = enclosed()
+    for q, y, v, held in (
+        (4.125, 2.2, 3.0, True), (4.125, 2.26, 3.0, False), (4.126, 2.0, 3.0, False), (4.125, 2.0, 3.38, False),
+    ):  # fmt: skip
+        assert found.contains(0.125, [q, y], [v]) is held
+    assert found.contains(0.125, [4.125, 2.3], [2.9], tolerance=0.06)
+    assert not found.contains(0.125, [4.125, 2.3], [2.9], tolerance=0.04)
+
+
+def test_quaternions_are_compared_with_the_sign_of_the_box():
+    kind = SimpleNamespace(unit=4)
+    one = jointed(joints=(SimpleNamespace(x=slice(0, 5), q=slice(0, 5), kind=kind), plain(5)))
+    found = replace(enclosed(), loop=one)
+    box = [ball(x) for x in (7.0, 0.5, 0.5, -0.5, 0.5, 1.0)]
+    q = np.array([-7.0, 0.5, 0.5, -0.5, 0.5, -1.0])
+    np.testing.assert_array_equal(found._nearest(q, box), q)
+    other = np.array([-7.0, -0.5, -0.5, 0.5, -0.5, -1.0])
+    np.testing.assert_array_equal(found._nearest(other, box), q)
+
+
+def test_energies_are_sums():
+    tape = Tape(3)
+    q, y, v = tape.inputs
+    found = enclosed(energies=tape.program([v * v, q + y * 0]))
+    assert float(found.energy(0.125).mid()) == pytest.approx((3 - 0.125) ** 2 + 4.125, rel=0.02)
+
+
+def test_rows_left_out_are_bounded():
+    """|φ(p)| along the polynomial, and the slopes times the errors, of the worst row."""
+    tape = Tape(3)
+    q, y, v = tape.inputs
+    one = jointed(left_out=tape.program([q - y * 3, y + v * 2]))
+    step = line(4.0, 0.25)
+    first = 2.0 + 0.25 + 3 * 0.25  # |q − 3y| ≤ 2 + t by coefficients
+    second = 2.0 + 6.0 + 0.5 + 0.25 + 2 * 0.5
+    assert left_open(one, step) == pytest.approx(max(first, second), rel=1e-6)
+    one.left_out = tape.program([q - y * 3])
+    assert left_open(one, step) == pytest.approx(first, rel=1e-6)
+    one.left_out = tape.program([q * y])  # a product of inputs
+    assert left_open(one, step) > 8.0
+
+
+def test_exact_starts_on_circles_are_in_the_turn_of_what_they_are_near():
+    described = ccpin.load("rpdr").description
+    joints = tuple(replace(j, kind="continuous", lower=-np.inf, upper=np.inf) for j in described.joints)
+    model = ccpin.ReducedModel(ccpin.load(replace(described, joints=joints)))
+    one = recorded_loop(model, None)
+    near = one.near.copy()
+    near[one.independent[0]], near[one.independent[1]] = 4 * np.pi + 0.3, -2 * np.pi - 0.2
+    q = np.array([np.cos(0.5), np.sin(0.5), np.cos(-0.4), np.sin(-0.4)]) * 2.0
+    found = [float(x.mid()) for x in exact_q(model, one._replace(near=near), q)]
+    np.testing.assert_allclose(found, [4 * np.pi + 0.5, -2 * np.pi - 0.4])
+    planar = ccpin.ReducedModel(ccpin.load("rpdr"))
+    far = recorded_loop(planar, None)._replace(near=np.full(4, 9 * np.pi))
+    assert [float(x) for x in exact_q(planar, far, START)] == START.tolist()
+    slide = SimpleNamespace(q=slice(0, 1), whole=None, kind=SimpleNamespace(unit=2), slides=(True,))
+    held = SimpleNamespace(coordinates=SimpleNamespace(parts=[slide]))
+    at = SimpleNamespace(near=np.array([9 * np.pi]), independent=(0,))
+    assert [float(x) for x in exact_q(held, at, np.array([0.5]))] == [0.5]
+
+
+# `enclose`: when a motion is asked for a singularity.
+
+
+@pytest.fixture
+def marched(monkeypatch, rpdr_model):
+    def run(steps, law=None):
+        asked = []
+        monkeypatch.setattr(enclosing, "march", lambda *_: iter(steps))
+        monkeypatch.setattr(enclosing, "find_crossing", lambda *given: asked.append(given))
+        told = []
+
+        def collected(loop, start, steps, reason, precision, met):
+            told.append((list(steps), reason, met))
+            return enclosed()
+
+        monkeypatch.setattr(enclosing, "collect", collected)
+        monkeypatch.setattr(enclosing, "without_dry_friction", lambda _: ", but")
+        found = enclosing.enclose(rpdr_model, law, START, None, 1.0)
+        return found, asked, told[0]
+
+    return run
+
+
+def test_a_free_motion_that_is_stuck_is_asked_for_a_singularity(marched, rpdr_model):
+    steps = [line(4.0, 0.25), line(4.25, 0.5)]
+    found, asked, told = marched([*steps, Stuck("why")])
+    assert told[:2] == (steps, "why")
+    assert (asked[0][3], asked[0][4]) == (0.75, 0.25)
+    assert found.reason == enclosed().reason + ", but"
+    assert len(marched([*steps, Stuck("why")], ccpin.control.NoTorque(rpdr_model))[1]) == 1
+    assert marched(steps)[1] == []
+    assert marched([Stuck("why")])[1] == []
+    assert marched([*steps, Stuck("why")], ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V))[1] == []
+
+
+# Crossings.
+
+
+def test_determinants_are_those_of_the_closed_form(rpdr_model):
+    """± a₃a₄ sin of the fold, whatever the speeds; 1 where nothing depends."""
+    one = recorded_loop(rpdr_model, None)
+    for q in (START, GOAL):
+        q_free = oracle.sigma(q, 1.0)[FREE]
+        exact = oracle.A3 * oracle.A4 * np.sin(oracle.fold(q_free[FREE]))
+        for speeds in (None, [3.0, -2.0]):
+            found = regularity.signed_determinant(one, [ball(float(x)) for x in (*q_free, *(speeds or []))])
+            assert abs(float(found.mid())) == pytest.approx(abs(exact), rel=1e-9)
+    assert regularity.signed_determinant(SimpleNamespace(jacobian=SimpleNamespace(outputs=())), []) == ball(1)
+
+
+class Followed:
+    """A motion of x = t − 1 since t = 0.5, in steps of ¼, with det = −x told within its errors."""
+
+    def __init__(self, monkeypatch, lengths, errors, stop=None):
+        begins = 0.5 + np.cumsum([0.0, *lengths[:-1]])
+        steps = [
+            ProvenStep(h, [[ball(t - 1.0), ball(1)]], 0.0, [ball(e)], [], 1.0, start_of([ball(t + h - 1.0)]))
+            for t, h, e in zip(begins, lengths, errors, strict=True)
+        ]
+        self.located = []
+        monkeypatch.setattr(crossing, "signed_determinant", lambda loop, box: -box[0])
+        monkeypatch.setattr(crossing, "march", lambda *_: iter([*steps, *([stop] if stop else [])]))
+        one = SimpleNamespace(field=None, n_x=1)
+        monkeypatch.setattr(crossing, "_other_coordinates", lambda *_: (one, []))
+        monkeypatch.setattr(crossing, "_located", lambda *given: self.located.append(given) or "met")
+
+    def run(self, **more):
+        known = SimpleNamespace(**{"left_out": None, "turns": (), **more})
+        return crossing.find_crossing(None, known, [ball(-0.5)], 0.5, 1.0, None)
+
+
+def test_a_crossing_is_located_since_the_sign_was_last_proved(monkeypatch):
+    motion = Followed(monkeypatch, [0.25, 0.25, 0.25], [0.125, 0.125, 0.125])
+    assert motion.run() == "met"
+    ((_, steps, time, sign),) = motion.located
+    assert (len(steps), time, sign) == (2, 0.75, 1)
+    wide = Followed(monkeypatch, [0.25, 0.25, 0.25], [0.5, 0.5, 0.125])
+    assert wide.run() == "met"
+    assert (len(wide.located[0][1]), wide.located[0][2]) == (3, 0.5)
+    later = Followed(monkeypatch, [0.125, 0.125, 0.125, 0.25], [0.5, 0.125, 0.0625, 0.0625])
+    assert later.run() == "met"
+    assert (len(later.located[0][1]), later.located[0][2]) == (1, 0.875)
+
+
+def test_crossings_that_are_not_told(monkeypatch):
+    """Rows left out, turns of balls, a sign that is not known, coordinates that are none; the steps end before."""
+    lengths, errors = [0.25, 0.25, 0.25], [0.125] * 3
+    assert Followed(monkeypatch, lengths, errors).run(left_out=1) is None
+    assert Followed(monkeypatch, lengths, errors).run(turns=(1,)) is None
+    assert Followed(monkeypatch, [0.25], [0.125]).run() is None
+    assert Followed(monkeypatch, [0.25], [0.125], Stuck("why")).run() is None
+    one = Followed(monkeypatch, lengths, errors)
+    monkeypatch.setattr(crossing, "_other_coordinates", lambda *_: None)
+    assert one.run() is None
+    one = Followed(monkeypatch, lengths, errors)
+    monkeypatch.setattr(crossing, "signed_determinant", lambda loop, box: arb(0, 1))
+    assert one.run() is None
+
+
+def test_boxes_of_a_motion_at_times():
+    step = line(4.0, 0.25)
+    q, y, v = step.box(ball(0.125))
+    assert (float(q.mid()), float(y.rad()), float(v.mid())) == pytest.approx((4.125, 0.25, 2.875))
+    assert step.box(arb(0.125, 0.125))[0].contains(ball(4.25))
+
+
+def test_witnesses_hold_the_box():
+    one = jointed()
+    found = crossing.witness_of("state", one, [arb(4.0, 0.5), arb(2, 0.25), ball(3)])
+    assert found.q.tolist() == [4.0]
+    assert found.q_free.tolist() == [4.0, 2.0]
+    assert found.error == pytest.approx(0.5)
+    assert crossing.witness_of("state", one, [arb(4.0, 0.125), arb(2, 0.25), ball(3)]).error == pytest.approx(0.25)
+
+
+def test_other_coordinates_measure_the_same_motion(monkeypatch, rpdr_model):
+    """Their rates are those of the motion; the same ones, ones with no rates and turns of balls are refused."""
+    one = recorded_loop(rpdr_model, None)
+    q_free, v = oracle.sigma(START, 1.0)[FREE], np.array([1.0, -2.0])
+    here = [ball(float(x)) for x in (*q_free, *v)]
+    monkeypatch.setattr(crossing, "best_independent", lambda *_: ("joint1", "joint3"))
+    other, box = crossing._other_coordinates(rpdr_model, one, here)
+    rates = rpdr_model.rho(q_free) @ v
+    assert other.independent != one.independent
+    np.testing.assert_allclose([float(x.mid()) for x in box], [*q_free, *rates[list(other.independent)]], atol=1e-9)
+    for change in ({"independent": one.independent}, {"scalar": False}, {"turns": (1,)}):
+        monkeypatch.setattr(crossing, "recorded_loop", lambda *_, c=change: other._replace(**c))
+        assert crossing._other_coordinates(rpdr_model, one, here) is None
+
+    def fails(*_):
+        raise CcpinError
+
+    monkeypatch.setattr(crossing, "recorded_loop", fails)
+    assert crossing._other_coordinates(rpdr_model, one, here) is None
+
+
+# Arrival.
+
+
+def goal(level=2.0):
+    return arrival.Goal(level, ball(10), SimpleNamespace(model=None, q_d=None), np.array([5.0, 6.0]))
+
+
+@pytest.fixture
+def fakes(monkeypatch):
+    """`unconnected` with everything told; what was asked."""
+    told = SimpleNamespace(
+        determinant=1.0, value=1.0, unique=True, steps=[line(4.0, 0.25)], fields=[], marched=[], asked=[]
+    )
+    monkeypatch.setattr(arrival, "exact_q", lambda *_: [ball(5)])
+    monkeypatch.setattr(arrival, "determinant_bound", lambda *_: told.determinant)
+    monkeypatch.setattr(arrival, "lyapunov", lambda *_: ball(told.value))
+    monkeypatch.setattr(arrival, "regular", lambda _: SimpleNamespace(missing=lambda box: ""))
+    monkeypatch.setattr(arrival, "unique_there", lambda *given: told.asked.append(given) or told.unique)
+    monkeypatch.setattr(arrival, "closed_start", lambda *given: told.asked.append(given) or [ball(5), ball(2)])
+
+    def march(field, here, duration, options):
+        told.marched.append((field, here, duration))
+        return iter(told.steps)
+
+    monkeypatch.setattr(arrival, "march", march)
+    return told
+
+
+def unconnected(end=(4.0, 2.0, 3.0)):
+    options = SimpleNamespace(_replace=lambda **_: None)
+    return arrival.unconnected(jointed(drift=None), [ball(x) for x in end], goal(), options)
+
+
+def test_the_line_to_the_set_point_is_below_the_level(fakes):
+    """From the centre of the state to q_d, over a unit of time; regular and below the level on every box."""
+    assert unconnected() == ""
+    field, here, duration = fakes.marched[0]
+    assert [float(x) for x in here] == [4.0, 2.0, 1.0]
+    assert duration == 1.0
+    for determinant, value, expected in (
+        (0.5, 1.0, 0.5), (3.0, 1.5, 0.5), (-1.0, 1.0, 0.0), (1.0, 2.0, 0.0), (1.0, 3.0, 0.0), (0.0, 1.0, 0.0),
+    ):  # fmt: skip
+        fakes.determinant, fakes.value = determinant, value
+        assert field.quantity([ball(4), ball(2)]) == pytest.approx(expected, abs=1e-12)
+    joint, box = fakes.asked[0][1:3]
+    assert joint[0].contains(ball(5))
+    assert joint[0].contains(ball(4.25))
+    assert [float(x.mid()) for x in box][:2] == [4.25, 2.0]
+    assert fakes.asked[0][3].tolist() == [5.0, 6.0]
+    assert fakes.asked[1][1] is joint or fakes.asked[1][1] == joint
+
+
+def test_what_connects_a_state_is_all_asked_for(fakes):
+    fakes.steps = [line(4.0, 0.25), Stuck("why")]
+    assert "line" in unconnected()
+    fakes.steps, fakes.unique = [], False
+    assert "branch" in unconnected()
+    fakes.unique, fakes.value = True, 2.0
+    assert "next to the set point" in unconnected()
+    fakes.value = 1.999
+    assert unconnected() == ""
+
+
+def test_the_lyapunov_function_is_counted_from_the_set_point():
+    tape = Tape(3)
+    q, _, v = tape.inputs
+    one = jointed(lyapunov=tape.program([q * v]))
+    assert float(arrival.lyapunov(one, goal(), [ball(4), ball(2), ball(3)])) == 2.0
+    with pytest.raises(InvalidInputError):
+        arrival.lyapunov(jointed(lyapunov=None), goal(), [])
+
+
+def test_levels_are_lowered_by_what_the_potential_is_off(rpdr_model):
+    law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
+    one = recorded_loop(rpdr_model, law)
+    found = arrival.goal_of(one, law, 2.0)
+    told = rpdr_model.energy(GOAL, np.zeros(2), law.q_free_d).potential
+    assert float(found.potential.mid()) == pytest.approx(told, abs=1e-9)
+    assert found.level == pytest.approx(2.0 * (1 - 1e-9), abs=1e-13)
+    moved = SimpleNamespace(
+        **{n: getattr(rpdr_model, n) for n in ("n", "coordinates")},
+        energy=lambda *_: SimpleNamespace(potential=told + 0.25),
+    )
+    off = SimpleNamespace(model=moved, q_d=law.q_d, q_free_d=law.q_free_d)
+    assert arrival.goal_of(one, off, 2.0).level == pytest.approx(2.0 - 0.25, abs=1e-8)
+
+
+def cross_section(frame, bound, q=4.0, v=3.0, reach=(0.4, 0.9)):
+    middle = BallArray(np.array([[q, q**0.5, v]]), np.full((1, 3), 1e-15))
+    at = Instants(np.ones(1), np.full(1, 1e-9), middle, middle)
+    return TimeSlice(at, np.array(frame), None, None, None, np.array(bound), None, np.array(reach))
+
+
+def test_the_highest_value_on_a_cross_section_is_attained():
+    """Of ½v² + ½q² at the corner where all of q, v and A are positive; of √q's square within its bend."""
+    tape = Tape(3)
+    q, y, v = tape.inputs
+    half = flint().fmpq(1, 2)
+    one = jointed(lyapunov=tape.program([half * (v * v) + half * (q * q)]))
+    frame, bound = np.array([[0.5, 0.1], [0.2, 1.0]]), np.array([0.25, 0.5])
+    corner = np.array([4.0, 3.0]) + frame @ bound
+    arriving = arrival.SetArrival(one, goal(), None, 1)
+    assert arriving._highest(cross_section(frame, bound)) == pytest.approx(0.5 * corner @ corner - 10.0, rel=1e-9)
+    one.lyapunov = tape.program([v * y])
+    found = arriving._highest(cross_section(frame, bound))
+    assert corner[0] ** 0.5 * corner[1] - 10.0 <= found < 1.05 * corner[0] ** 0.5 * corner[1] - 10.0
+    with np.errstate(all="ignore"):
+        assert arriving._highest(cross_section(frame, bound, reach=(3.9, 0.1))) == np.inf
+
+
+def test_a_cross_section_has_arrived_where_all_is_proved(monkeypatch):
+    state = SimpleNamespace(value=1.0, highest=1.5, missing="")
+    monkeypatch.setattr(arrival, "lyapunov", lambda *_: ball(state.value))
+    monkeypatch.setattr(arrival, "unconnected", lambda *_: state.missing)
+    monkeypatch.setattr(arrival.SetArrival, "_highest", lambda *_: state.highest)
+    asked = arrival.SetArrival(jointed(), goal(2.0), None, 1)
+    piece = cross_section(np.eye(2), np.ones(2))
+    assert asked(piece) == ""
+    assert asked.largest == 1.5
+    state.highest = 0.5
+    assert asked(piece) == ""
+    assert asked.largest == 1.5
+    for value, highest, missing, told in (
+        (2.0, 1.0, "", TOO_EARLY), (1.0, 2.0, "", "whole tube"), (1.0, np.nan, "", "whole tube"),
+        (1.0, 1.0, "why", "why"),
+    ):  # fmt: skip
+        state.value, state.highest, state.missing = value, highest, missing
+        assert told in arrival.SetArrival(jointed(), goal(2.0), None, 1)(piece)
+
+
+@pytest.mark.parametrize(
+    ("steps", "unit", "independent", "stiffness", "held"),
+    [
+        (["rz"], 0, (0,), 1.0, True), (["rz"], 0, (1,), 1.0, False), (["rz"], 2, (0,), 1.0, False),
+        (["tz"], 0, (1,), 1.0, True), (["rz"], 2, (1,), 0.0, True), (["tx", "rz"], 2, (1,), 1.0, False),
+    ],
+)  # fmt: skip
+def test_springs_that_make_another_energy_one_turn_on(steps, unit, independent, stiffness, held):
+    """A joint that turns and has one: only where it is a coordinate that is a plain number."""
+    joint = SimpleNamespace(number=1, kind=SimpleNamespace(steps=steps, unit=unit), x=slice(0, 1))
+    stated = [SimpleNamespace(stated=SimpleNamespace(stiffness=stiffness))]
+    tree = SimpleNamespace(tree=SimpleNamespace(joints=stated))
+    law = SimpleNamespace(model=SimpleNamespace(mechanism=tree))
+    known = SimpleNamespace(joints=(joint,), independent=independent, wrapped=(), upright=())
+    assert arrival.single_valued(known, law) is held
+    known.upright = (1,)
+    assert not arrival.single_valued(known, law)
+
+
+@pytest.mark.parametrize(("gravity", "coupling", "held"), [(0.0, 0.0, True), (0.5, 0.0, False), (0.0, 0.5, False)])
+def test_angles_whose_errors_jump_half_a_turn_away(gravity, coupling, held):
+    """Of either angle; what neither gravity nor a gain couples does not jump."""
+    law = SimpleNamespace(
+        model=SimpleNamespace(mechanism=SimpleNamespace(tree=SimpleNamespace(joints=()))),
+        gravity_d=np.array([0.5, gravity, 0.0]),
+        K_p=np.array([[1.0, coupling, 0.25], [coupling, 1.0, 0.0], [0.25, 0.0, 1.0]]),
+    )
+    for places in ((4,), (4, 5), (5, 4)):
+        wrapped = tuple(SimpleNamespace(place=k) for k in places)
+        known = SimpleNamespace(joints=(), independent=(3, 4, 5), wrapped=wrapped, upright=())
+        assert arrival.single_valued(known, law) is (held and 5 not in places)
+
+
+# Moves.
+
+
+@pytest.fixture
+def moves(monkeypatch):
+    """`_run` along steps whose 𝒱 is told."""
+
+    def run(values, missing=(), single=True, stop=None):
+        told, asked = iter(values), iter(missing)
+        monkeypatch.setattr(move, "lyapunov", lambda *_: ball(next(told)))
+        monkeypatch.setattr(move, "unconnected", lambda *_: next(asked, "not connected"))
+        monkeypatch.setattr(move, "single_valued", lambda *_: single)
+        monkeypatch.setattr(move, "regular", lambda _: None)
+        steps = [line(4.0, 0.25) for _ in values[1:]]
+        monkeypatch.setattr(move, "march", lambda *_: iter([*steps, *([stop] if stop else [])]))
+        return move._run(SimpleNamespace(loop=jointed(), duration=1.0, options=None), [], goal(2.0))
+
+    return run
+
+
+def test_moves_are_proven_refuted_or_neither(moves):
+    assert moves([3.0, 1.0], [""]).verdict == "proven"
+    late = moves([3.0, 2.0, 1.5], [""])
+    assert (late.verdict, len(late.steps)) == ("proven", 2)
+    assert "0.5 s" in late.reason
+    assert moves([3.0, 2.0, 2.0], [""]).verdict == "undecided"
+    assert moves([3.0, 0.0], [""]).verdict == "proven"
+    assert moves([-1.0], [""]).verdict == "refuted"
+    assert moves([0.0, -1e-9], [""]).verdict == "refuted"
+    assert moves([-1.0, -1.0], [""], single=False).verdict == "proven"
+    assert moves([0.0, 1.0], ["why"]).verdict == "undecided"
+    again = moves([3.0, 1.9, 1.8, 1.0], ["first", ""])
+    assert (again.verdict, len(again.steps)) == ("proven", 3)
+    assert "why" in moves([3.0, 2.5], stop=Stuck("why")).reason
+
+
+def test_levels_come_from_certificates_or_are_numbers(rpdr_model):
+    law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
+    assert move._level(2.5, law) == (2.5, False)
+    for rigorous in (True, False):
+        assert move._level(SimpleNamespace(level=2.5, rigorous=rigorous, law=law), law) == (2.5, rigorous)
+    for level in (0.0, -1.0, np.inf, np.nan):
+        with pytest.raises(InvalidInputError):
+            move._level(SimpleNamespace(level=level, rigorous=True, law=law), law)
+        with pytest.raises(InvalidInputError):
+            move._level(level, law)
+
+
+def test_sets_of_moves(monkeypatch):
+    """The last part's time; 𝒱 at the end where proven, infinite where not."""
+    asked = arrival.SetArrival(jointed(), goal(2.0), None, 1)
+    asked.largest = 1.25
+    parts = [SimpleNamespace(duration=t, enclosure=SimpleNamespace(start=[])) for t in (0.5, 0.75, 0.25)]
+    monkeypatch.setattr(move, "lyapunov", lambda *_: ball(7))
+    for missing, verdict, highest in (("", "proven", 1.25), ("why", "undecided", np.inf)):
+        monkeypatch.setattr(move, "cover", lambda *_, m=missing: (parts, m))
+        found = move._of_a_set(SimpleNamespace(arrived=asked, motion=SimpleNamespace(loop=jointed())), None, 4)
+        assert (found.verdict, found.time, found.lyapunov, found.level) == (verdict, 0.75, highest, 2.0)
+        assert found.lyapunov_start == pytest.approx(7.0)
+
+
+def test_moves_from_sampled_levels_are_not_proven(monkeypatch, rpdr_model):
+    """A number is the caller's; a certificate that was sampled leaves the move undecided. A spread in one is a set."""
+    law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
+    made = move.MoveCertificate("proven", "so", None, 1.0, 3.0, 1.0, 2.0, False, None)
+    calls = []
+    monkeypatch.setattr(move, "without_dry_friction", lambda _: ", but")
+    monkeypatch.setattr(move, "_of_one", lambda *_: calls.append("one") or made)
+    monkeypatch.setattr(move, "_of_a_set", lambda *_: calls.append("set") or made)
+
+    def told(given, spread=0.0):
+        return move.certify_move(rpdr_model, law, START, arrival=given, spread=spread)
+
+    assert told(2.5).verdict == "proven"
+    assert told(2).verdict == "proven"
+    assert told(SimpleNamespace(level=2.5, rigorous=True, law=law)).verdict == "proven"
+    sampled = told(SimpleNamespace(level=2.5, rigorous=False, law=law))
+    assert (sampled.verdict, sampled.rigorous, sampled.level) == ("undecided", False, 2.5)
+    assert "sampled" in sampled.reason
+    assert sampled.reason.startswith("so")
+    assert told(2.5).reason == "so, but"
+    monkeypatch.setattr(move, "_of_one", lambda *_: replace(made, verdict="refuted"))
+    assert told(SimpleNamespace(level=2.5, rigorous=False, law=law)).verdict == "refuted"
+    calls.clear()
+    told(2.5, (1e-3, 0.0))
+    assert calls == ["set"]
+
+
+# Sets of starts.
+
+
+def test_a_state_is_in_one_of_the_tubes():
+    """All its coordinates within ±1, wider by the tolerance; in any of the tubes."""
+
+    def tube(*z):
+        return SimpleNamespace(coordinates=lambda *_: np.array(z))
+
+    for tubes, tolerance, held in (
+        ([tube(0.5, -1.0)], 0.0, True), ([tube(0.5, -1.01)], 0.0, False), ([tube(1.5, 0.0), tube(0.0, 0.9)], 0.0, True),
+        ([tube(0.5, -1.01)], 0.02, True), ([tube(1.03, 0.0)], 0.02, False),
+    ):  # fmt: skip
+        assert sets.SetEnclosure("proven", "", tubes).contains(0.0, [0], [0], tolerance) is held
+
+
+@pytest.mark.parametrize("spread", [0.1, (0.1, 0.2), ([0.1, 0.3], 0.2), ([0.1, 0.0], [0.2, 0.4]), (0.0, 0.2)])
+def test_boxes_of_starts(rpdr_model, spread):
+    task = SimpleNamespace(model=rpdr_model, loop=recorded_loop(rpdr_model, None))
+    found = sets.starts_of(task, START, [1.0, 2.0], spread)
+    pair = spread if isinstance(spread, tuple) else (spread, spread)
+    np.testing.assert_array_equal(found.spread, np.concatenate([np.broadcast_to(p, 2) for p in pair]))
+    np.testing.assert_array_equal(found.q, START)
+    np.testing.assert_array_equal(found.v, [1.0, 2.0])
+
+
+@pytest.mark.parametrize("spread", [-0.1, (0.1, -0.2), ([0.1, -0.3], 0.2), np.inf, ([0.1] * 3, 0.1), (0.1, 0.1, 0.1)])
+def test_boxes_that_are_none(rpdr_model, spread):
+    task = SimpleNamespace(model=rpdr_model, loop=recorded_loop(rpdr_model, None))
+    with pytest.raises(InvalidInputError, match="spread"):
+        sets.starts_of(task, START, None, spread)
+
+
+def test_a_set_of_starts_as_asked(monkeypatch, rpdr_model):
+    """Any width makes a set; a period is rounded up to the times that there are; friction is told."""
+    jobs = []
+    monkeypatch.setattr(sets, "without_dry_friction", lambda _: ", but")
+    monkeypatch.setattr(sets, "cover", lambda job, starts, parts: jobs.append(job) or ([None], ""))
+    law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
+    found = sets.enclose_set(rpdr_model, law, START, None, 0.01, spread=(1e-3, 0.0), period=0.001)
+    assert found.verdict == "proven"
+    assert found.reason == sets.told([None], "", 16)[1] + ", but"
+    assert 0.001 <= jobs[0].period < 0.001 + 2.0**-40
+    assert (jobs[0].period * 2.0**40).is_integer()
+    assert jobs[0].motion.loop.efforts is not None
+    sets.enclose_set(rpdr_model, law, START, None, 0.01, spread=1e-3)
+    assert jobs[1].period == np.inf
+    assert jobs[1].motion.loop.efforts is None
+    with pytest.raises(InvalidInputError, match="one motion"):
+        sets.enclose_set(rpdr_model, law, START, None, 0.01, spread=0.0)
