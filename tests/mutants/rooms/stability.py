@@ -57,7 +57,7 @@ ROOMS: tuple[Room, ...] = (
             ("or self._spent()", "not asked: self._spent()", "how much work is done"),
             ("neighbours & self._members.keys()", "neighbours", "a face of a member parted from it is its edge too"),
             ("self._rise(entry) <= 0.1", "", "when halving is given up"),
-            ("entry.slack <= self._budget.tolerance", "", "when halving is given up"),
+            ("entry.slack <= self._limits.tolerance", "", "when halving is given up"),
             ("self._serial += 1", "", "in which order faces of one level are taken"),
             ("slack = found.upper - found.lower", "", "when halving is given up"),
             ("neighbours - self._members.keys()", "", "faces between members are left out by `_current`"),
@@ -82,7 +82,7 @@ ROOMS: tuple[Room, ...] = (
             *(
                 (line, "", "which proved box is the first: the flood asks what it is good for")
                 for line in (
-                    "single = budget.cells",
+                    "single = limits.cells",
                     "good = well.beta < gain",
                     "height = _height(",
                     "if best is None or height > level",
@@ -100,8 +100,8 @@ ROOMS: tuple[Room, ...] = (
             "SetPointCertificate.verdict",
             "SetPointCertificate.assumes",
             "SetPointCertificate.contains",
-            "_MemberCells.guess",
-            "_SampledRegion.guess",
+            "_MemberCells.near",
+            "_SampledRegion.near",
             "certify_law",
             "_forceful",
             "_check",

@@ -6,6 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ccpin.control.laws import NoTorque
+
 pytest.importorskip("flint")
 
 import ccpin
@@ -208,7 +210,7 @@ def test_a_free_motion_that_is_stuck_is_asked_for_a_singularity(marched, rpdr_mo
     assert told[:2] == (steps, "why")
     assert (asked[0][3], asked[0][4]) == (0.75, 0.25)
     assert found.reason == enclosed().reason + ", but"
-    assert len(marched([*steps, Stuck("why")], ccpin.control.NoTorque(rpdr_model))[1]) == 1
+    assert len(marched([*steps, Stuck("why")], NoTorque(rpdr_model))[1]) == 1
     assert marched(steps)[1] == []
     assert marched([Stuck("why")])[1] == []
     assert marched([*steps, Stuck("why")], ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V))[1] == []

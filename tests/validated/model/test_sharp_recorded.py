@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.description import Coupling, CouplingTerm, Joint, Link, MechanismDescription
+from ccpin import MechanismDescription
+from ccpin.control.laws import NoTorque
+from ccpin.description import Coupling, CouplingTerm, Joint, Link
 from ccpin.errors import DifferentSubjectsError, UnsupportedMechanismError
 from tests.support.ball_joint import ball_joint
 from tests.support.linkages import rssr
@@ -104,7 +106,7 @@ def test_rotors_and_springs_of_joints_that_depend():
     compare(model, None, 3)  # whose law cancels no spring
     lagging = ccpin.ReducedModel(ccpin.load("rpdr", joints={"joint3": stated}))
     compare(lagging, None, 2)
-    compare(lagging, ccpin.control.NoTorque(lagging))
+    compare(lagging, NoTorque(lagging))
 
 
 def test_slides_on_bodies_that_turn():
@@ -149,7 +151,7 @@ def test_laws_of_other_mechanisms_are_refused(rpdr_model):
 
 def test_only_the_law_with_constant_gravity_is_sampled(rpdr_model):
     assert require_sampled(ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)).kind == "pd"
-    for law in (None, ccpin.control.NoTorque(rpdr_model), ccpin.control.PDFullGravity(rpdr_model, GOAL, K_P, K_V), 7):
+    for law in (None, NoTorque(rpdr_model), ccpin.control.PDFullGravity(rpdr_model, GOAL, K_P, K_V), 7):
         with pytest.raises(UnsupportedMechanismError, match="sampled"):
             require_sampled(law)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ccpin.control.stability.set_point.certified_cells import Cell, CellStore
-from ccpin.control.stability.set_point.flood import Budget, Flood, Sublevel, connected
+from ccpin.control.stability.set_point.flood import Flood, FloodLimits, Sublevel, connected
 from ccpin.control.stability.set_point.well import Range
 from tests.support.flat_cells import Flat, boxes_about
 
@@ -19,7 +19,7 @@ def inside(x, y):
 
 
 def flooded(store, depth=0, cells=999, good=lambda well: True, go_on=lambda told: True, tolerance=5e-3):
-    return Flood(store, good, Budget(depth, cells, tolerance), go_on).run(ORIGIN)
+    return Flood(store, good, FloodLimits(depth, cells, tolerance), go_on).run(ORIGIN)
 
 
 def test_the_level_is_the_least_value_on_the_edge_of_the_domain(monkeypatch):
@@ -97,7 +97,7 @@ def test_floods_that_do_not_start(monkeypatch):
     """No cell there, none proved, none allowed, halves that fail, work that is over."""
     flat = Flat(monkeypatch, STIFF, beta=steep)
     store = flat.laid([0.5, 0.25])
-    found = Flood(store, lambda well: True, Budget(9, 99), lambda told: True).run(np.array([9.0, 0.0]))
+    found = Flood(store, lambda well: True, FloodLimits(9, 99), lambda told: True).run(np.array([9.0, 0.0]))
     assert (found.level, found.members, found.limit) == (0.0, (), "domain")
     assert flooded(store, go_on=lambda told: False).limit == "interrupted"
     assert flooded(store, 9, 1, good=lambda well: False).limit == "budget"
@@ -123,7 +123,7 @@ def test_floods_end_when_they_are_to(monkeypatch):
     store = flat.laid([0.5, 0.25])
     for proved, over in ((9, False), (10, True), (11, True)):
         store.proved = proved
-        assert Flood(store, None, Budget(9, 10), None)._spent() is over
+        assert Flood(store, None, FloodLimits(9, 10), None)._spent() is over
 
 
 def test_a_face_where_members_disagree_bounds_the_level(monkeypatch):
@@ -158,7 +158,7 @@ def test_whom_new_members_are_asked_about(monkeypatch, lattice, depth, asks):
         cell.lattice, cell.depth = lattice, depth
     asked = []
     monkeypatch.setattr(CellStore, "agree", lambda self, k, others: asked.append((k, others)) or [False] * len(others))
-    flooding = Flood(store, lambda well: True, Budget(9, 99), lambda told: True)
+    flooding = Flood(store, lambda well: True, FloodLimits(9, 99), lambda told: True)
     for number in (0, 2, 1):
         flooding._add(number)
     assert asked == ([(0, []), (2, []), (1, [0, 2])] if asks else [])
@@ -197,7 +197,7 @@ def chain(monkeypatch, values, betas=None):
 
 
 def along(store, start, good=lambda well: True):
-    return Flood(store, good, Budget(0, 99), lambda told: True).run(np.array([start]))
+    return Flood(store, good, FloodLimits(0, 99), lambda told: True).run(np.array([start]))
 
 
 def test_the_highest_of_the_lowest_faces_is_kept(monkeypatch):
@@ -242,7 +242,7 @@ def test_what_is_joined_to_the_set_point(monkeypatch):
 def test_entries_of_what_is_no_boundary_any_more(monkeypatch):
     """From members only; to cells that are there and are none."""
     store = chain(monkeypatch, [4.0, 1.0, 3.0, 2.0, 5.0])
-    flooding = Flood(store, lambda well: True, Budget(0, 99), lambda told: True)
+    flooding = Flood(store, lambda well: True, FloodLimits(0, 99), lambda told: True)
     flooding._members = {0: 1, 1: 2}
     store.cells[3].live = False
     for inside_of, beyond, current in ((2, -1, False), (1, -1, True), (1, 2, True), (1, 0, False), (1, 3, False)):

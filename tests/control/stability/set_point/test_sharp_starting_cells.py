@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ccpin.control.stability.set_point import starting_cells as module
-from ccpin.control.stability.set_point.flood import Budget
+from ccpin.control.stability.set_point.flood import FloodLimits
 from ccpin.errors import InvalidInputError
 from tests.support.flat_cells import boxes_about
 
@@ -299,7 +299,7 @@ def test_a_first_cell_is_the_box_that_was_proved(monkeypatch, single):
             made.append(given)
 
     monkeypatch.setattr(module, "CellStore", Store)
-    module.cells_around(law, 9.0, Budget(3, 1 if single else 9))
+    module.cells_around(law, 9.0, FloodLimits(3, 1 if single else 9))
     (one, potential, about, (corner, edges)), (box, lower, upper) = made
     assert (one, potential, about) == ("line", "potential", law)
     half = box.half[0]

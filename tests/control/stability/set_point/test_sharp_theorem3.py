@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ccpin.control.stability.set_point import theorem3 as module
-from ccpin.control.stability.set_point.flood import Budget, Sublevel
+from ccpin.control.stability.set_point.flood import FloodLimits, Sublevel
 from ccpin.control.stability.set_point.theorem3 import SetPointCertificate, _MemberCells, _SampledRegion, certify_law
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from tests.support.flat_cells import boxes_about
@@ -47,9 +47,9 @@ def test_states_from_which_motions_converge(monkeypatch):
     """Where a configuration of the branch is known and 𝒱 is below the level."""
     monkeypatch.setattr(module, "checked_q", lambda _, q: np.asarray(q, float))
     law = SimpleNamespace(
-        model=SimpleNamespace(coordinates=None, n=2), lyapunov=lambda q, v, guess: float(q[0] + v[1] + guess[0])
+        model=SimpleNamespace(coordinates=None, n=2), lyapunov=lambda q, v, near: float(q[0] + v[1] + near[0])
     )
-    region = SimpleNamespace(guess=lambda q: None if q[1] > 0.0 else np.array([1.0]))
+    region = SimpleNamespace(near=lambda q: None if q[1] > 0.0 else np.array([1.0]))
     one = certificate(law, region)
     for q, v, held in (
         ([0.5, 0.0], None, True), ([0.99, 0.0], None, True), ([1.0, 0.0], None, False), ([1.5, 0.0], None, False),
@@ -69,9 +69,9 @@ def test_configurations_of_the_cell_that_holds_a_point(monkeypatch):
         reading=SimpleNamespace(configuration=lambda theta: theta),
     )
     members = _MemberCells(store, (4, 7), lower, upper)
-    np.testing.assert_allclose(members.guess(np.array([2.5, 0.25])), [2.5, 0.25, 0.5, -0.25])
-    np.testing.assert_allclose(members.guess(np.array([0.25, 1.0])), [0.25, 1.0, -0.25, 0.5])
-    assert members.guess(np.array([2.0, 1.5])) is None
+    np.testing.assert_allclose(members.near(np.array([2.5, 0.25])), [2.5, 0.25, 0.5, -0.25])
+    np.testing.assert_allclose(members.near(np.array([0.25, 1.0])), [0.25, 1.0, -0.25, 0.5])
+    assert members.near(np.array([2.0, 1.5])) is None
 
 
 def test_configurations_in_a_sampled_region():
@@ -84,9 +84,9 @@ def test_configurations_in_a_sampled_region():
 
     law = SimpleNamespace(q_free_d=np.array([10.0, 20.0]), model=SimpleNamespace(sigma=sigma))
     region = _SampledRegion(law, np.array([1.0, -1.0]), np.array([2.0, 3.0]))
-    np.testing.assert_array_equal(region.guess(np.array([1.0, 3.0])), [11.0, 23.0])
+    np.testing.assert_array_equal(region.near(np.array([1.0, 3.0])), [11.0, 23.0])
     for q in ([1.5, 0.0], [0.9, 0.0], [2.1, 0.0], [1.2, -1.1], [1.2, 3.1], [0.0, 9.0], [3.0, 4.0]):
-        assert region.guess(np.array(q)) is None
+        assert region.near(np.array(q)) is None
 
 
 # What is asked of a flood.
@@ -166,10 +166,10 @@ def test_levels_whatever_the_gains(asked, limit):
     for second, expected in ((2.5, 2.5), (1.0, 1.5)):
         asked.floods.clear()
         asked.found = [sublevel(1.5, limit), sublevel(second, "domain")]
-        made = certify_law(asked.law, budget=Budget(3, 11))
+        made = certify_law(asked.law, max_depth=3, budget=11)
         assert (made.level, made.level_domain) == (1.5, expected)
         (_, first), (good, more) = asked.floods
-        assert (first, more) == (Budget(3, 11), Budget(3, 11 + 7))
+        assert (first, more) == (FloodLimits(3, 11), FloodLimits(3, 11 + 7))
         assert good(well(99.0, 1e-300))
         assert not good(well(1.0, 0.0))
         assert not good(well(1.0, -1.0))
@@ -180,7 +180,7 @@ def test_budgets_of_floods(asked):
     asked.found = [sublevel(1.5, "domain")] * 2
     certify_law(asked.law)
     made = certify_law(asked.law, asked.atlas)
-    assert [budget for _, budget in asked.floods] == [Budget(14, 2000), Budget(14, 2005)]
+    assert [budget for _, budget in asked.floods] == [FloodLimits(14, 2000), FloodLimits(14, 2005)]
     assert "5 boxes" in made.method
     assert certify_law(asked.law, (np.zeros(2), np.ones(2))) == "sampled"
 
