@@ -129,6 +129,7 @@ def test_pinocchio_is_asked_accurately(name):
     assert difference(peer.lcaba(), at.a_free) < 1e-5
 
 
+@pytest.mark.slow
 def test_mujoco_runs_the_same_move():
     """Against the closed forms, sure of themselves: ccpin is near them, and MuJoCo as near as its step lets it."""
     figures = measured(simulated.PART)

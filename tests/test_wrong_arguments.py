@@ -34,6 +34,7 @@ LONG = {
     ("enclose", "duration"),
     ("plot_sublevel", "starts"),
 }
+LONG_UNSTATED = {("cusps", "curves"), ("largest_ball", "centre"), ("largest_cube", "centre")}  # `None`: a search for it
 
 
 class Bench:
@@ -414,7 +415,7 @@ def test_wrong_arguments(room, bench, monkeypatch):
     escaped = []
     for name, (call, right) in TABLES[room](bench).items():
         for argument in right.keys() - FLAGS:
-            for wrong in () if (name, argument) in LONG else WRONG:
+            for wrong in () if (name, argument) in LONG else WRONG[(name, argument) in LONG_UNSTATED :]:
                 try:
                     call(**(right | {argument: wrong}))
                 except CcpinError:

@@ -110,13 +110,12 @@ def test_the_variation_is_the_jacobian_s_derivative(case):
     np.testing.assert_allclose(rate, numeric, atol=1e-8)
 
 
-@pytest.mark.parametrize("factor", [3.0, 30.0])
-def test_a_box_too_wide_is_found(case, tmp_path, factor):
+def test_a_box_too_wide_is_found(case, tmp_path):
     """One box of the larger ones claims more than it has; it reaches beyond what is closed or turns singular."""
     _, atlas, path, _ = case
     k = int(np.argmax(atlas.boxes.half.max(axis=1)))
     read = reading.read(path)
-    read.half[k] = np.maximum(factor * read.half[k], 4.0)
+    read.half[k] = np.maximum(3.0 * read.half[k], 4.0)
     assert not boxes.proved(closures.BallClosures(read), read, k, 6)
 
     def widen(arrays):

@@ -6,9 +6,10 @@ import pytest
 import ccpin
 from ccpin.errors import InvalidInputError, UnreachableError
 from tests.support.agreement import reference_model
+from tests.support.backends import same_on_both
 
 
-@pytest.fixture(scope="module", params=["native or numpy", "numpy"])
+@pytest.fixture(scope="module", params=["native or numpy", pytest.param("numpy", marks=same_on_both)])
 def model(request):
     """The five-bar on the backend in use, and on NumPy."""
     mechanism = ccpin.load("rpdr")
@@ -18,7 +19,7 @@ def model(request):
 @pytest.fixture(scope="module")
 def place(model):
     """Q on the reference's branch, V, U; NumPy takes long over a row."""
-    rng, rows = np.random.default_rng(11), 400 if model.core else 40
+    rng, rows = np.random.default_rng(11), 400 if model.backend.name == "native" else 40
     return np.radians([-150.0, -160.0]) + 0.2 * rng.normal(size=(rows, 2)), *rng.normal(size=(2, rows, 2))
 
 

@@ -9,7 +9,7 @@ import pytest
 import ccpin
 from ccpin.kinematics.points import LinkPoint
 
-THREADS, ROUNDS = 8, 6
+THREADS, ROUNDS = 8, 3
 PLACES = {"rpdr": (np.radians([-150.0, -160.0]), "link3"), "delta": (np.array([-0.2, 0.1, 0.0]), None)}
 
 

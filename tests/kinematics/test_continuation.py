@@ -72,7 +72,7 @@ def geared(description: MechanismDescription, rng) -> MechanismDescription:
     return replace(description, couplings=(Coupling("gear", terms),)) if len(terms) == 2 else description
 
 
-@settings(max_examples=30)
+@settings(max_examples=20)
 @given(mechanisms(), st.integers(0, 1000))
 def test_bounds_of_random_mechanisms(drawn, seed):
     """Joints and closures of every kind, couplings, and single components of joints as coordinates."""
@@ -119,7 +119,7 @@ def test_no_pair_of_modes_is_joined(rpdr_model, mode):
 def test_proved_sigma_is_the_closed_form(rpdr_model, mode):
     """Where every step is proved the five-bar's σ is (39)–(40) in the mode of `near`, or refused."""
     mechanism, rng, seen = rpdr_model.mechanism, np.random.default_rng(7), 0
-    for k, start in enumerate(rpdr.random_configurations(rng, 40, mode)):
+    for k, start in enumerate(rpdr.random_configurations(rng, 24, mode)):
         q = rng.uniform(-np.pi, np.pi, 2) if k % 2 else start[:2] + 0.3 * rng.normal(size=2)
         blocked = max(rpdr.elongation(start[:2] + s * (q - start[:2])) for s in np.linspace(0.0, 1.0, 400))
         near = to_free(mechanism, start)
@@ -130,7 +130,7 @@ def test_proved_sigma_is_the_closed_form(rpdr_model, mode):
             found = to_paper(mechanism, rpdr_model.sigma(q, near, proved=True))
             np.testing.assert_allclose(wrap(found - rpdr.sigma(q, mode)), 0.0, atol=1e-9)
             seen += 1
-    assert seen > 10
+    assert seen > 6
 
 
 def test_proved_sigma_of_a_delta():
@@ -158,4 +158,4 @@ def test_an_open_configuration_is_closed_by_proof(rpdr_model):
             continue
         assert np.sin(rpdr.fold(to_paper(mechanism, found))) * np.sin(rpdr.fold(near)) > 0
         seen += 1
-    assert seen > 10
+    assert seen > 6

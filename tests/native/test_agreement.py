@@ -203,7 +203,7 @@ def compare_random(mechanism, seed):
         assert_same(model, kernel, q, rng, model.sigma(q))
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(mechanisms(), seeds)
 def test_random_mechanisms(drawn, seed):
     """Trees, loops and closures of every kind, joints of every kind."""
@@ -218,7 +218,7 @@ def test_random_mechanisms_thoroughly(drawn, seed):
     compare_random(ccpin.load(drawn.description), seed)
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(mechanisms(), seeds)
 def test_random_couplings(drawn, seed):
     """The same with a coupling, polynomial or on a circle."""
@@ -271,7 +271,7 @@ def test_bearings(path):
     compare_bearings(model, kernel, rng, random_states(model, rng, 6))
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(mechanisms(), seeds)
 def test_bearings_of_random_mechanisms(drawn, seed):
     """The same for trees, loops and closures of every kind."""

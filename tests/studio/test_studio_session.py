@@ -6,6 +6,7 @@ import base64
 import json
 import threading
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from ccpin import domain
 from ccpin.covering.cells import CellStatus
 from ccpin.domain import theorem2
 from ccpin.errors import InvalidInputError
-from ccpin.studio import recorded_run
+from ccpin.studio import map_pieces, recorded_run
 from ccpin.studio.cache import Cache, fingerprint
 from ccpin.studio.dials import Dials
 from ccpin.studio.jobs import Cancelled, Jobs
@@ -216,8 +217,11 @@ def test_slices_follow_the_other_coordinates(subjects):
         assert desk.order("slice", axes=axes)["kind"] == "error"
 
 
-def test_what_is_proved_takes_the_place_of_samples(subjects):
+def test_what_is_proved_takes_the_place_of_samples(subjects, monkeypatch):
     """A slice sampled before there was an atlas is neither kept for an exported page nor told after the atlas."""
+    monkeypatch.setattr(map_pieces, "certify", partial(domain.certify, max_depth=5))
+    monkeypatch.setattr(map_pieces, "singularities", partial(domain.singularities, starts=10))
+    monkeypatch.setattr(map_pieces, "flood", partial(map_pieces.flood, grid=9))
     desk = Desk(subjects("rpdr"))
     desk.result("slice", "slice", axes=[0, 1])
     desk.order("slice", axes=[0, 1])

@@ -28,14 +28,20 @@ def test_balls_hold_what_they_held(again):
         assert not again(x).is_finite()
 
 
-@COPIES
-def test_certificates_of_motions_are_copied(again, rpdr_model):
-    """Enclosures, enclosures of sets and certificates of moves, and what they say is the same."""
+@pytest.fixture(scope="module")
+def certificates(rpdr_model):
+    """An enclosure, one of a set, and a certificate of a move."""
     q = rpdr_model.alpha(rpdr_model.mechanism.q_reference)
     law = control.PDSimpleGravity(rpdr_model, q, 50.0, 5.0)
     motion = validated.enclose(rpdr_model, law, q, None, 0.002)
     tube = validated.enclose_set(rpdr_model, law, q, None, 0.002, spread=1e-6)
-    move = validated.certify_move(rpdr_model, law, q, arrival=0.1)
+    return motion, tube, validated.certify_move(rpdr_model, law, q, arrival=0.1)
+
+
+@COPIES
+def test_certificates_of_motions_are_copied(again, certificates):
+    """Enclosures, enclosures of sets and certificates of moves, and what they say is the same."""
+    motion, tube, move = certificates
     for one in (motion, tube, move):
         assert str(again(one)) == str(one)
     assert again(move).verdict == move.verdict

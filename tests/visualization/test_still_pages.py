@@ -64,7 +64,7 @@ def left_alone(tmp_path):
             elif kind == "a motion paused":
                 visualization.animate(rpdr, t, poses, path)
             elif kind == "a report":
-                report.write(rpdr, path, report.ReportSettings(depth=5, duration=0.3))
+                report.write(ccpin.load("slider_crank"), path, report.ReportSettings(depth=3, duration=0.3))
             elif kind == "a live viewer":
                 url = stack.enter_context(visualization.view(rpdr, open_browser=False)).url
             else:

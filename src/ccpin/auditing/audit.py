@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from ccpin.auditing.closures import BallClosures
     from ccpin.auditing.gluing import SharedFace
 
-_CUTS = 24
+_CUTS = 24  # halvings of a cell one after another, before its box is left undecided
 _NEAR = 1e-9  # rad or m: how far a seed may be from a closed configuration
-_PART = 16
+_PART = 16  # tasks handed to a worker at a time
 _ENOUGH = 8  # claims of a kind that are not proved: no more of it are looked at
 _SEARCHED, _LONG = (
     ("empty", "count", "cover"),

@@ -37,7 +37,10 @@ from flint import arb, arb_mat
 from ccpin.auditing.closures import BallEquations, columns, exact, floats
 from ccpin.auditing.reading import Array, ClaimedDocument, Integers, widened
 
-_PARTS, _ROOM, _NEWTON, _ROUNDS = 6, 1.05, 8, 6
+_PARTS = 6  # of the tube, tried for 2 one after another
+_ROOM = 1.05  # on Y + M̄r for the next part: 2 asks for a strict inequality
+_NEWTON = 8  # steps: quadratic, and only proposes a part's middle
+_ROUNDS = 6  # over the tube's faces, which are moved in where 3 holds
 _LOOKS = 4096  # cells of one box
 
 

@@ -13,7 +13,7 @@ from flint import arb, arb_mat
 
 from ccpin.auditing.reading import Array, HasClosures, Integers, SerialChain
 
-_NEAR = arb(0, 2.0**-50)
+_NEAR = arb(0, 2.0**-50)  # how far the mechanism's axes and rotations may be from the document's (above)
 
 
 class JointTurn(NamedTuple):

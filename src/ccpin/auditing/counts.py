@@ -34,7 +34,7 @@ from ccpin.auditing.reach import CornerBox
 from ccpin.auditing.reading import Array, ClaimedDocument, Counts, StatedRanges, corners
 
 _BUDGET = 2000  # boxes over one q
-_TURN = 2.0 * np.pi
+_TURN = 2.0 * np.pi  # angles this far apart, times a whole number, are one
 
 Solution = tuple[Array, float]
 """θ, and the radius about its y within which a solution is proved to be."""

@@ -16,7 +16,7 @@ from ccpin.auditing.container import Arrays
 from ccpin.errors import InvalidInputError
 
 ATLAS, SHEETS, CURVES = "ccpin-atlas-5", "ccpin-sheets-2", "ccpin-curves-2"
-_INTEGERS = 2**62
+_INTEGERS = 2**62  # no count is as large; int64 holds it
 
 _SYSTEM = {
     "system_couplings": "f m p",

@@ -26,9 +26,10 @@ from ccpin.auditing.reading import Array, ClaimedDocument, Integers, corners
 from ccpin.auditing.stated_ranges import TURN, intervals
 
 _BUDGET, _REACH = 20_000, 400  # boxes over one cell, and where the lemma alone is tried
-_MOST = 6
+_MOST = 6  # dependent coordinates: cells over which there are more are not searched (time)
 _WIDE, _SLOPES = 0.8, 0.4  # rad: boxes whose turns are wider are halved before slopes are tried, and Ã
-_SHRUNK, _CUT = 0.7, 0.1
+_SHRUNK = 0.7  # of a box's edges in all: narrowed again where less is left, else halved
+_CUT = 0.1  # half width, rad or m, down to which first joints of chains are halved before others
 _FINE = 0.002  # of the size: last joints of chains in no other loop are halved after all others move φ by less
 
 

@@ -46,7 +46,7 @@ _SLOPES = 0.9  # rad: boxes whose turns are wider are halved before slopes are t
 _ROW = 0.1  # of a modulus: boxes over which a row moves more are halved before slopes are tried
 _SLANTED = 0.15  # rad or m: boxes wider than this are halved before they are slanted
 _NEAR, _FAR, _BESIDE = 1.5, 3.0, 3  # half lengths of a tube: wider boxes, and those farther away, have no use for it
-_SHRUNK = 0.7
+_SHRUNK = 0.7  # of a box's edges in all: narrowed again where less is left, else halved
 _HELD = 0.2  # of a box: where a listed box holds so much the rest is cut off
 
 

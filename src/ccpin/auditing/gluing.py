@@ -21,7 +21,7 @@ from ccpin.auditing.closures import BallClosures, BallEquations, columns, exact
 from ccpin.auditing.reading import Array, ClaimedDocument, Faces, Integers
 from ccpin.auditing.tiling import WHOLE
 
-_NEWTON = 12
+_NEWTON = 12  # steps at most: quadratic; what they end at is proved afterwards
 
 
 class SharedFace(NamedTuple):

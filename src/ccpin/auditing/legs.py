@@ -30,7 +30,7 @@ from ccpin.auditing.lengths import PARALLEL, TILT, is_identity, size_of
 from ccpin.auditing.reach import ChainGroup, CornerBox, Reach, head_of
 from ccpin.auditing.reading import Array
 
-_LEGS = 2
+_LEGS = 2  # at least: one leg alone has none to meet
 _TRIES = 150  # values of λ for each of its numbers
 
 

@@ -36,7 +36,7 @@ from ccpin.auditing.reading import Array, Curves, CurveTube, Integers
 if TYPE_CHECKING:
     from ccpin.auditing.exclusion import Exclusion
 
-_CUTS = 12
+_CUTS = 12  # halvings of a cell one after another, before its tube is left undecided
 _BACK = (0.4, 0.1)  # of a half length: where the other zero of a gluing is
 
 
@@ -210,12 +210,12 @@ def _begins_in(inner: TubeEquations, outer: TubeEquations, turning: list[bool], 
 
 def _place_of(inner: TubeEquations, s: float, outer: TubeEquations, turning: list[bool]) -> arb | None:
     """Where the zero of a tube at s lies in another; ``None`` where that is not proved."""
-    x = np.concatenate([inner.tube.theta, inner.tube.kernel]) + s * inner.tube.tangent
-    found = near(inner.system, inner.others, x)
+    guess = np.concatenate([inner.tube.theta, inner.tube.kernel]) + s * inner.tube.tangent
+    found = near(inner.system, inner.others, guess)
     if found is None:
         return None
-    x, radius = found
-    balls = [arb(float(v), 0.0 if k == inner.tube.along else radius) for k, v in enumerate(x)]
+    zero, radius = found
+    balls = [arb(float(v), 0.0 if k == inner.tube.along else radius) for k, v in enumerate(zero)]
     return None if place(balls, inner, turning) is None else place(balls, outer, turning)
 
 

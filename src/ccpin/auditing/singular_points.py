@@ -13,7 +13,7 @@ from flint import arb, arb_mat
 from ccpin.auditing.closures import BallClosures, columns, exact, floats
 from ccpin.auditing.reading import Array, ClaimedDocument, corners
 
-_NEWTON = 30
+_NEWTON = 30  # steps of Newton's method, at most
 
 
 def singular(closures: BallClosures, document: ClaimedDocument, k: int) -> bool | None:

@@ -40,8 +40,9 @@ from ccpin.auditing.reach import CornerBox, above, below
 from ccpin.auditing.reading import Array
 from ccpin.auditing.singular_curves import Singular, TubeEquations, without_turns
 
-_PASSES, _GAIN = 5, 0.8
-_HALF = arb(1) / 2
+_PASSES = 5  # narrowings of one slanted box, at most
+_GAIN = 0.8  # of an edge: narrowed again where one is left with less
+_HALF = arb(1) / 2  # Lemma C's ½, exact
 
 
 class SlantedBox(NamedTuple):

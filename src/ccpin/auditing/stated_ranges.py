@@ -30,10 +30,11 @@ TURN = np.pi + 1e-9
 """Half of what angles known modulo 2π may have, and a bit."""
 _WIDER = 1e-12  # than the region: cells' corners are rounded
 _NONE = float(np.finfo(np.float64).max)
-_ROUNDS, _GAIN = 200, 1e-3
+_ROUNDS = 200  # over all rows and lengths, at most
+_GAIN = 1e-3  # of an interval: another round where one lost more
 _LEAST = 1e-6  # of λ: slides that are seen less have no bound
 _PLAIN, _LIMIT, _ENDED = 0, 1, (1, 2, 3)  # reasons of an end: of a whole turn, a limit, all others
-_SLACK = 1.0 - 1e-7
+_SLACK = 1.0 - 1e-7  # of the least eigenvalue as computed: a λ below it, of which UᵀU − λ > 0 is proved
 
 
 def intervals(reach: Reach) -> CornerBox:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ccpin.auditing.container import Arrays
 
-_TURN = 2.0 * np.pi
+_TURN = 2.0 * np.pi  # rad: a range closes on itself where its ends differ by just this, in doubles
 _UNIT = 1e-12  # how far rotations and axes may be from orthogonal and of unit length: they are so to rounding
 _LARGEST = 1e9  # m or rad: of no mechanism, and squares of it are far from overflowing
 

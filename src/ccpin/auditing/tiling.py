@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from ccpin.auditing.container import Arrays
 from ccpin.auditing.structure import in_range, require
 
-WHOLE = 2**32
-CERTIFIED, EMPTY, SPLIT, SINGULAR = 2, 4, 5, 6
-_STATUSES = (0, 1, CERTIFIED, 3, EMPTY, SINGULAR)
+WHOLE = 2**32  # an edge of the region, in the whole numbers of the tree's corners
+CERTIFIED, EMPTY, SPLIT, SINGULAR = 2, 4, 5, 6  # a cell's status, as documents write it
+_STATUSES = (0, 1, CERTIFIED, 3, EMPTY, SINGULAR)  # those of leaves: all but SPLIT
 _EVEN = 1e-9  # of an edge: how far a box's edges may be from its cell's
-_SHORT = 1.0 + 1e-12
+_SHORT = 1.0 + 1e-12  # on the radius: rounding of the distances it is the least of
 
 Integers = NDArray[np.int64]
 

@@ -40,8 +40,8 @@ from ccpin.auditing.gluing import in_tube, near
 from ccpin.auditing.reach import above
 from ccpin.auditing.reading import Array, ClaimedDocument, ClaimedRequirements, Integers
 
-_ROOM = 1.0 + 1e-6
-_LEAST = 1e-300
+_ROOM = 1.0 + 1e-6  # on T as computed, which is then tried: 2 needs it no smaller than (I − M)⁻¹F
+_LEAST = 1e-300  # above zero, where F is zero: T > 0
 _LOOKS = 4096  # cells of one box
 
 

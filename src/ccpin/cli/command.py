@@ -18,7 +18,7 @@ exit codes: 0 done, and what was judged is proven; 1 it cannot be done, said in 
             2 wrong usage; 3 undecided; 4 refuted; 130 interrupted
 completion: ccpin --print-completion bash > ~/.local/share/bash-completion/completions/ccpin   (or zsh, tcsh)"""
 
-PROVEN, UNDECIDED, REFUTED, INTERRUPTED = 0, 3, 4, 130
+PROVEN, UNDECIDED, REFUTED, INTERRUPTED = 0, 3, 4, 130  # exit codes; 130 as shells have it for Ctrl-C
 _OF_VERDICTS = {"proven": PROVEN, "undecided": UNDECIDED, "refuted": REFUTED}
 
 

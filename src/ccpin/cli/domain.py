@@ -80,10 +80,10 @@ def _domain(options: argparse.Namespace) -> int:
         return _sheets(options, mechanism, region)
     if options.curves:
         return _curves(options, mechanism, region)
-    model, centre = ReducedModel(mechanism), vector(options, "centre", mechanism)
-    if centre is None and region is not None and model.nq == model.n:
-        centre = np.mean(region, axis=0)
-    q_free = mechanism.q_reference if centre is None else model.sigma(centre)
+    model, asked = ReducedModel(mechanism), vector(options, "centre", mechanism)
+    if asked is None and region is not None and model.nq == model.n:
+        asked = np.mean(region, axis=0)
+    q_free = mechanism.q_reference if asked is None else model.sigma(asked)
     centre = domain.scalar_coordinates_at(mechanism, q_free)
     with busy(options.json, "proving squares about the centre"):
         theorem = domain.theorem2(mechanism, q_free)

@@ -23,8 +23,8 @@ from ccpin.kinematics.coordinates import IndependentCoordinates, checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.digests import Digests, digest_or_none
 
-_NO_EFFORT = 1e-9
-_SKEW = 1e-13
+_NO_EFFORT = 1e-9  # of the transmission's largest singular value: no motor drives what is below
+_SKEW = 1e-13  # of a matrix's largest entry: a skew part below is rounding
 
 
 class ControlLaw(abc.ABC):

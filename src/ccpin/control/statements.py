@@ -17,7 +17,7 @@ from ccpin.control.references import PiecewisePolynomial
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 
-_NOTHING = frozen(np.empty(0))
+_NOTHING = frozen(np.empty(0))  # a constant that a law does not have
 
 LawKind = Literal["constant", "pd", "pd_gravity", "computed_torque", "pd_plus"]
 

@@ -13,7 +13,7 @@ from ccpin.description.joint_kinds import FIXED, JOINT_KINDS, split_component
 from ccpin.description.model import Coupling, Inertia, Joint, Link, LoopClosure, MechanismDescription, Motor
 from ccpin.errors import DescriptionError
 
-MAGNITUDE_LIMIT = 1e9
+MAGNITUDE_LIMIT = 1e9  # m, kg, kg m²: a larger number is taken for an error of the file
 FORCE_LIMIT = 1e15  # of armature, damping, friction and stiffness: some hold a joint by one of them
 _NAMED = 8  # names in a message
 _RECORDS = {"links": Link, "joints": Joint, "closures": LoopClosure, "couplings": Coupling, "motors": Motor}

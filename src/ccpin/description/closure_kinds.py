@@ -29,7 +29,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.description.model import LoopClosure, rotation_to
 
-PARALLEL = 1e-9
+PARALLEL = 1e-9  # sine of the angle below which two unit vectors are parallel
 X, Y, Z = np.eye(3)
 
 V = TypeVar("V")

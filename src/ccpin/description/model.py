@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, FrozenMapping, Placement, Record, cross, frozen, numbers, skew
 from ccpin.errors import InvalidInputError
 
-IDENTITY: Array = frozen(np.eye(4))
-X_AXIS: Array = frozen([1.0, 0.0, 0.0])
+IDENTITY: Array = frozen(np.eye(4))  # no turn and no move
+X_AXIS: Array = frozen([1.0, 0.0, 0.0])  # a joint's, where none is stated
 
 
 def frame(position: ArrayLike, rotation: ArrayLike = IDENTITY[:3, :3]) -> Array:

@@ -19,7 +19,7 @@ _C = np.polynomial.Polynomial([
     43867 / 5109094217170944000, 174611 / 802857662698291200000,
 ])  # fmt: skip
 _SERIES: Array = np.column_stack([np.pad(_C.deriv(k).coef, (0, k)) for k in range(3)])
-_SERIES_BELOW = 1.0
+_SERIES_BELOW = 1.0  # of t: the closed forms cancel near 0, and ten terms of the series are enough up to here
 
 
 def quaternion_matrix(quaternion: Array) -> Array:

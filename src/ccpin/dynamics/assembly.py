@@ -25,7 +25,7 @@ from ccpin.mechanism.poses.pose_search import within_limits
 from ccpin.mechanism.poses.same_pose import Likeness
 
 INTERRUPTED = "interrupted"
-_NONE_CLOSES = 5
+_NONE_CLOSES = 5  # times the patience: starts after which a q over which none has closed is given up
 
 
 class AssemblyMode(NamedTuple):

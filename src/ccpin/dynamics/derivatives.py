@@ -26,7 +26,7 @@ from ccpin.errors import UnderactuatedError
 from ccpin.kinematics.parametrization import ClosedPoint, Parametrization
 from ccpin.kinematics.sigma_derivatives import SigmaDerivatives
 
-_FULL_RANK = 1e-10
+_FULL_RANK = 1e-10  # of the largest singular value of ρᵀSᵀ: motors produce nothing in a direction below
 
 
 class ForwardDynamicsDerivatives(NamedTuple):

@@ -20,7 +20,7 @@ from ccpin.kinematics.points import LinkPoint
 from ccpin.mechanism.mechanism import Mechanism
 
 Half = Literal["linear", "angular"]
-_ROWS = {"linear": slice(0, 3), "angular": slice(3, 6)}
+_ROWS = {"linear": slice(0, 3), "angular": slice(3, 6)}  # of a twist
 
 
 class Ellipsoid(NamedTuple):

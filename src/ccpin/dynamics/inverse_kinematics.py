@@ -14,7 +14,7 @@ from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurat
 from ccpin.kinematics.least_squares import Linearized, levenberg_marquardt
 from ccpin.kinematics.points import LinkPoint, rotation_error
 
-TOLERANCE = 1e-11
+TOLERANCE = 1e-11  # of the gap to the target, m and rad
 
 
 class Solution(NamedTuple):

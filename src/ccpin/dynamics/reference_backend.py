@@ -17,7 +17,7 @@ from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import ClosedPoint, Parametrization
 from ccpin.mechanism.mechanism import Mechanism
 
-_NEARLY_SINGULAR = 1e-6
+_NEARLY_SINGULAR = 1e-6  # rcond of ψ_q′: below it, a D that is not positive definite is a singularity's doing
 
 
 def locked(array: Array) -> Array:

@@ -22,7 +22,7 @@ from ccpin.dynamics.wrenches import Applied, Wrenches, applied_wrenches, wrench_
 from ccpin.errors import UnderactuatedError
 from ccpin.kinematics.parametrization import ClosedPoint
 
-_MISSING = 1e-9
+_MISSING = 1e-9  # of the largest generalized force (1 at least): what rounding leaves of τ − ρᵀSᵀu
 
 
 class StateModel(ReferenceModel, Protocol):

@@ -15,7 +15,7 @@ from ccpin.kinematics.rows import Directions, RowStack, RowValues, column_rates
 from ccpin.kinematics.scratch import six_rows
 from ccpin.kinematics.tree import Tree
 
-_NOTHING = 1e-12
+_NOTHING = 1e-12  # m or rad: a misfit this small is not told beside a larger one
 
 
 class ConstraintValue(NamedTuple):

@@ -51,11 +51,11 @@ from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.derivative_bounds import DerivativeBounds
 from ccpin.kinematics.linear import Factor
 
-_ROUNDOFF = 32 * 2.0**-53
-_MARGIN = 1.0 + 1e-9
-_TRIES = 8
-_INFLATION = 1.2
-_LARGEST = 4.0
+_ROUNDOFF = 32 * 2.0**-53  # γ a column: 32 units of roundoff (Rounding, above)
+_MARGIN = 1.0 + 1e-9  # on P as evaluated (Rounding, above)
+_TRIES = 8  # boxes E, each the image of the one before, inflated
+_INFLATION = 1.2  # of an image: (i) asks for P(E) ≤ E
+_LARGEST = 4.0  # rad or m: longer ways and larger boxes are not tried
 
 
 class Continuation:

@@ -24,7 +24,7 @@ from ccpin.description.rotations import log_bias_derivative, log_jacobian, log_j
 from ccpin.errors import IndependentSetError, InvalidInputError
 from ccpin.kinematics.tree import Tree, TreeJoint
 
-_OFF = 1e-6
+_OFF = 1e-6  # from unit length: quaternions and (cosine, sine) pairs farther off are refused, nearer ones normalised
 
 
 class Coordinate(NamedTuple):

@@ -33,7 +33,7 @@ from ccpin.description.closure_kinds import Fixed, Gap, Vector
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.coordinates import IndependentCoordinates
 
-_LOG_SECOND, _LOG_THIRD = 3.1, 9.1
+_LOG_SECOND, _LOG_THIRD = 3.1, 9.1  # of |D²r|/ω² and |D³r|/ω³ (above)
 
 
 class Lengths(NamedTuple):
@@ -73,6 +73,7 @@ class DerivativeBounds:
         self._weights = np.array([abs(product.weight) for _, product in products])
         self._left = self._place([(k, product.left) for k, product in products])
         self._right = self._place([(k, product.right) for k, product in products])
+        # where each row's products begin in the list of all
         self._starts = np.cumsum([0, *(len(row) for loop in loops for row in loop.rows.rows)], dtype=np.intp)[:-1]
         self._components = [
             (part, joint.number)

@@ -11,10 +11,10 @@ from scipy.linalg import lapack
 from ccpin.arrays import Array
 
 P = TypeVar("P")
-_LARGEST_STEP = 0.3
-_MOST_ITERATIONS = 200
-_PATIENCE = 20
-_LEAST_DAMPING = 1e-6
+_LARGEST_STEP = 0.3  # rad and m: longer ones leave where φ is about linear
+_MOST_ITERATIONS = 200  # from one start
+_PATIENCE = 20  # iterations in which |r|² must lose a fifth, or it ends
+_LEAST_DAMPING = 1e-6  # of μ: keeps JJᵀ + (μ s)² I positive definite where rows are redundant
 
 
 class Linearized(NamedTuple):

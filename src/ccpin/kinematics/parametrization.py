@@ -23,16 +23,17 @@ from ccpin.kinematics.linear import Factor, factorize
 from ccpin.kinematics.points import moved
 from ccpin.kinematics.tree import Tree
 
-SINGULAR_RCOND = 1e-10
-_CONTRACTION = 0.125
-_TURN = 0.5
-_ROUNDED = 2.0
-_FAR_FROM_SINGULAR = 2e-7
-_NEAR_SINGULAR, _NARROW = 0.25, 0.5
-_NOISE = 1e-9
-_SHORTEST_STEP = 2.0**-30
-_LARGEST_MOVE = 1.0
-_MOST_STEPS = 11
+SINGULAR_RCOND = 1e-10  # of ψ_q′: below it a configuration is called singular
+_CONTRACTION = 0.125  # of the correction before: Newton's next one, or the step is not trusted
+_TURN = 0.5  # relative change of ψ_q′⁻¹ over a step (`turn_between`): with more it is not trusted
+_ROUNDED = 2.0  # |Y|² times rounding (`turn_between`): above it branches are not told apart
+_FAR_FROM_SINGULAR = 2e-7  # the same: above it a step is taken to be near a singularity
+_NEAR_SINGULAR = 0.25  # of _CONTRACTION and _TURN: kept to near a singularity, or the step is to be proved
+_NARROW = 0.5  # of _TURN: kept to elsewhere
+_NOISE = 1e-9  # rad or m: a correction below is rounding
+_SHORTEST_STEP = 2.0**-30  # of the way: where no longer one is trusted, it is blocked
+_LARGEST_MOVE = 1.0  # rad or m, of one correction of Newton's
+_MOST_STEPS = 11  # of Newton: a hard cap, which steps that contract do not meet
 
 
 class ClosedPoint(NamedTuple):

@@ -80,10 +80,12 @@ class RowStack:
         self.joints = tuple(int(joint) for joint in numbers)
         self.supports = np.array([tree.support(joint) for joint in self.joints]).reshape(-1, tree.model.nv)
         rows_of = np.repeat(np.arange(len(loops)), [loop.size for loop in loops])
+        # the end that each row of φ pulls at, among all ends: loops' A ends first, then their B ends
         self._pulled = np.concatenate([rows_of, len(loops) + rows_of])
         masks = [*(loop.mask_a for loop in loops), *(loop.mask_b for loop in loops)]
         self._paths = np.array(masks).reshape(-1, tree.model.nv)[self._pulled]
         rows = [(loop, row) for loop in loops for row in loop.rows.rows]
+        # where each row's products begin in the list of all
         self._starts = np.cumsum([0, *(len(row) for _, row in rows)], dtype=np.intp)[:-1]
         self._tabulate(loops, [(loop, product) for loop, row in rows for product in row], numbers)
 
@@ -92,7 +94,7 @@ class RowStack:
     ) -> None:
         """Where each vector is carried, where the T products find theirs, and what these turn and pull."""
         carried: list[_Carried] = []
-        sides: list[list[int]] = [[], []]
+        sides: list[list[int]] = [[], []]  # the number of a carried vector, or −1 − k for the gap of loop k
         place = {id(loop): k for k, loop in enumerate(loops)}
         for loop, product in products:
             for side, vector in zip(sides, (product.left, product.right), strict=True):
@@ -207,6 +209,7 @@ class RowStack:
     def sides(self, vectors: Array) -> tuple[Array, Array]:
         """The two vectors of each product (or their derivatives), of shape (T, …) both."""
         start, half = self._fixed, self._fixed + self.loops
+        # fixed vectors, then the gaps p_B − p_A: `vectors` ends with all p_A and all p_B
         complete = np.concatenate([vectors[:start], vectors[half:] - vectors[start:half]])
         return complete[self._left], complete[self._right]
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ccpin.mechanism.mechanism import Mechanism
 
-_ROUNDING = 1e-12
+_ROUNDING = 1e-12  # of the largest principal moment: one below is none
 
 
 def rubbing(mechanism: Mechanism) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from ccpin.domain import certify, kantorovich_radius, theorem2
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.paper import printed
 
-_EDGE = np.linspace(-1.0, 1.0, 2001)
+_EDGE = np.linspace(-1.0, 1.0, 2001)  # of a square, as points at which its slack is looked at
 
 
 class Radii(NamedTuple):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Panel = tuple[Array, float, float, Array, Array, Array]
 """Centre (rad), the paper's and our radius (degrees), q′ at the centre, at the paper's corners and at ours."""
-_GRID = 721
+_GRID = 721  # points an edge: one every half degree
 _SHADE = "#d9dee3"
 
 

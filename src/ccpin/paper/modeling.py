@@ -11,7 +11,7 @@ from ccpin.paper import printed
 from ccpin.paper.item import ROUNDING, Item, apart
 from ccpin.paper.study import Sample, Study
 
-_STEP = 1e-3
+_STEP = 1e-3  # rad, by which the fastest coordinate moves between two of the five points
 COMPLEX = 1e-20
 """A complex step: short enough that nothing but rounding is lost."""
 SLOPE = "an identity; the derivative beside it is a difference quotient of fourth order, good to about 1e-8 here"

@@ -17,9 +17,9 @@ from ccpin.simulation.results.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_EVERY = 40
-_MOVE = 0.36
-_ZOOM = 0.7
+_EVERY = 40  # samples between two drawn configurations
+_MOVE = 0.36  # s, of the motion that is drawn
+_ZOOM = 0.7  # s, of the closer look
 _ROWS = (("q", "[°]", True), ("\\dot{q}", "[°/s]", True), ("u", "[N m]", False))
 
 

@@ -15,8 +15,8 @@ from ccpin.control.stability.set_point.well import sample_region
 if TYPE_CHECKING:
     from ccpin.validated.sets.move import MoveCertificate
 
-_PRECISION = 128
-_RAY = 1e-3
+_PRECISION = 128  # bits in which the move is enclosed
+_RAY = 1e-3  # of a ray: how near its last point in B₂ is found
 
 
 class Theorem3Facts(NamedTuple):

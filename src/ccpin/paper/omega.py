@@ -13,7 +13,7 @@ from ccpin.paper.extremes import extremes_figure, singular_figure
 from ccpin.paper.item import Drawing, Item, apart
 from ccpin.paper.study import CENTRES, GOAL, RADII, START, Study
 
-_CORNERS = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
+_CORNERS = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])  # of a square
 EXAMPLE_V = np.array([2.0, 2.0, 4.0, 2.0, 2.0, 8.0])
 """The worked example's v; its largest entry is c."""
 ISOLATED = (56.944, 123.056)

@@ -25,7 +25,7 @@ TABLE_II.setflags(write=False)
 M, A, LC, INERTIA = TABLE_II.T
 MOTOR = 3.3263e-3
 """What motor and transmission add on joints 1 and 2 (kg m²)."""
-GRAVITY = 9.81
+GRAVITY = 9.81  # m/s²
 
 
 def phi(q: Array) -> Array:

@@ -23,11 +23,11 @@ from ccpin.simulation.studies.supervision import SupervisedMotion
 
 NAMES = ("joint1", "joint2", "joint3", "joint4")
 """The paper's order of q′, by the joints' names in the file."""
-START = frozen(np.radians([-150.0, -160.0]))
+START = frozen(np.radians([-150.0, -160.0]))  # where the first move begins and the second ends
 GOAL = frozen(np.radians([-90.0, -100.0]))
 """Both moves' ends: also the lower and the upper corner of the region 𝒟."""
-K_P = (11.0, 11.0)
-K_V = (0.65, 0.60)
+K_P = (11.0, 11.0)  # N m/rad, of both moves
+K_V = (0.65, 0.60)  # N m s/rad, of both moves
 CENTRES = frozen(np.radians([[-108.0, -72.0], [-108.0, -48.0], [-108.0, -120.0], [-70.0, -110.0]]))
 """Of Table I, the sign of q2 read negative."""
 RADII = (3.5, 0.13, 1.7, 0.31)
@@ -40,13 +40,16 @@ ESTIMATE = 0.16
 """Coulomb friction of a motor's joint as the controller knows it (N m)."""
 WIDTH = 0.02
 """Where compensation by the error fades out (rad)."""
+# The bench's controller, of a kilohertz.
 SAMPLING = Sampling(1e-3, encoder_counts=4096, velocity_cutoff=100.0, saturation=12.0, delay=1)
 BENCH: dict[str, Any] = {"friction": FRICTION, "sampling": SAMPLING}
-DURATION, WAIT, CYCLES = 1.0, 2.5, 2
+DURATION = 1.0  # s, of a move
+WAIT = 2.5  # s, at each goal once settled
+CYCLES = 2  # there and back
 ARRIVED = {"band": BAND, "speed": 0.05}
 """When the supervisor takes a move for done; friction leaves an error that no wait removes."""
-_COUNT = 24
-_AWAY = 0.2
+_COUNT = 24  # samples, of both assembly modes in turn
+_AWAY = 0.2  # sine of the angle between links 3 and 4, at least: 0 is stretched or folded
 
 
 class Sample(NamedTuple):

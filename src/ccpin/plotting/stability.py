@@ -19,8 +19,8 @@ from ccpin.simulation.results.metrics import LyapunovHistory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_GRID = 64
-_MARGIN = 0.35
+_GRID = 64  # points of U along an edge of the window
+_MARGIN = 0.35  # of half the window's longer edge, about the cells
 
 
 def plot_lyapunov(

@@ -19,8 +19,8 @@ from ccpin.report.settings import value
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_OPEN = 0.1
-_TURN = 1.2
+_OPEN = 0.1  # of the mechanism's extent: how far the ends of its loops are drawn apart
+_TURN = 1.2  # rad or m: no joint moves farther for that
 
 
 def identity(model: ReducedModel) -> str:

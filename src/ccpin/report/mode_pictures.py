@@ -8,7 +8,7 @@ from ccpin.pages.parts import figure, paragraphs, table
 from ccpin.plotting.motion import plot_configuration_panels
 from ccpin.report.settings import ReportSettings
 
-_DRAWN = 4
+_DRAWN = 4  # modes in the picture, at most
 _SIGNS = {1: "> 0", -1: "< 0", 0: "redundant rows"}
 
 

@@ -23,12 +23,14 @@ from ccpin.simulation.integration.single_run import simulate
 from ccpin.simulation.results.trajectory import Trajectory
 from ccpin.visualization import animate, snapshot
 
-_STEP, _PART = 0.35, 0.06
-_TRIES = (1.0, 0.5, 0.25, 0.1)
-_KEPT = 0.3
-_WAY = 9
-_SAMPLES = 0.005
-_DRIVEN, _RELEASED = 1.0, 0.4
+_STEP = 0.35  # rad, of a coordinate that turns
+_PART = 0.06  # of the mechanism's extent, of one that slides
+_TRIES = (1.0, 0.5, 0.25, 0.1)  # of these steps, until a goal is found
+_KEPT = 0.3  # of rcond at the start: what it may fall to on the way
+_WAY = 9  # configurations on the way that are looked at, both ends with them
+_SAMPLES = 0.005  # s between samples
+_DRIVEN = 1.0  # s, of a motion under a law
+_RELEASED = 0.4  # s, of a fall
 
 
 class Experiment(NamedTuple):

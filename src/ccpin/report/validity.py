@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 T = TypeVar("T")
-_SLICES = 3
-_WIDEST = np.radians(60.0)
+_SLICES = 3  # drawn, at most: one a pair of coordinates
+_WIDEST = np.radians(60.0)  # of a slice, to either side
 _SHARES = ("certified", "empty", "singular", "undecided", "unreached")
 
 

@@ -16,7 +16,7 @@ __all__ = [
 ]
 __dir__ = __all__.copy
 
-LAST_PORT = 65535
+LAST_PORT = 65535  # that TCP has
 
 
 def studio(

@@ -25,7 +25,7 @@ from ccpin.files import write_atomically
 Arrays = dict[str, NDArray[np.generic]]
 ROOM = 400e6
 """Bytes that all of it may take; beyond, what was not asked for longest goes."""
-_POLL = 0.1
+_POLL = 0.1  # s between looks at whether one still wants to wait
 
 
 def fingerprint(reading: Reading, *arrays: NDArray[np.generic], kind: str) -> str:

@@ -26,12 +26,12 @@ LAWS: dict[LawName, str] = {
     "full": "(30) full gravity",
     "computed": "computed torque",
 }
-SAMPLES = 1500
+SAMPLES = 1500  # of a recording, at most: no more than one a millisecond
 PIECES = 25
 """Stretches of a run between two looks at whether it is still wanted."""
 MOVING = 0.6
 """Share of an experiment's time in which computed torque's reference goes from start to goal."""
-LONGEST = 60.0
+LONGEST = 60.0  # s, of an experiment
 BANDWIDTH = 10.0
 """ω of the gains that are offered, rad/s."""
 

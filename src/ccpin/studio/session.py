@@ -20,7 +20,7 @@ from ccpin.studio.recorded_run import Recording, RunPlan
 from ccpin.studio.subject import Subject, Tap, Told
 from ccpin.visualization.annotations import draw_ghosts
 
-LONGEST_RECORD = 600.0
+LONGEST_RECORD = 600.0  # s of a motion by hand that are kept: bounds memory
 MODES_BUDGET = 30.0
 """Seconds, of a recording and of a search for modes."""
 

@@ -19,10 +19,11 @@ from ccpin.visualization.stick_figure import ends_of
 
 Tracked: TypeAlias = "str | tuple[str, ArrayLike]"
 """What a trace follows: a link or a loop by name, or (link, point in its frame)."""
-TRACE_COLOUR, TRACE_RADIUS = (0.85, 0.22, 0.16, 1.0), 0.0035
+TRACE_COLOUR = (0.85, 0.22, 0.16, 1.0)  # a path's
+TRACE_RADIUS = 0.0035  # of the mechanism's size
 ARROW_LENGTH, ARROW_WIDTH = 0.3, 0.006
 """Of the motion's size: the longest arrow, the radius of its shaft; likewise the radius of a trace."""
-GHOSTS = {"start": 0x2970BD, "goal": 0x2E8B57}
+GHOSTS = {"start": 0x2970BD, "goal": 0x2E8B57}  # their tints
 SAME = 1e-3
 """Two poses look the same if no entry of a frame differs by more than this share of the motion's size."""
 

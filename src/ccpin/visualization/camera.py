@@ -19,7 +19,7 @@ FILL = 0.80
 """Share of the frame's height or width, whichever is tighter, that the mechanism's bounding boxes take."""
 ASPECT = 1.5
 """Width over height of the window assumed until the page knows its own."""
-AZIMUTH, ELEVATION = np.deg2rad(-50.0), np.deg2rad(20.0)
+AZIMUTH, ELEVATION = np.deg2rad(-50.0), np.deg2rad(20.0)  # of the view of three quarters
 PLANAR_AZIMUTH, PLANAR_ELEVATION = np.deg2rad(24.0), np.deg2rad(14.0)
 """From the normal of an upright plane: nearly square on, and yet one sees what lies before what."""
 UPRIGHT = 0.7

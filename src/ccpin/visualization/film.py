@@ -23,8 +23,9 @@ FILMS = (".mp4", ".gif")
 """The endings of films."""
 STILLS = (".png",)
 """The endings of pictures."""
+# Width and height in pixels, where none is asked for.
 SIZES = {".mp4": (1280, 720), ".gif": (800, 450), ".png": (1280, 720)}
-LARGEST = 8192
+LARGEST = 8192  # pixels: a longer edge is refused
 GIF_FPS = 50.0
 """The fastest that browsers play a GIF, whose frames last whole hundredths of a second."""
 QUALITY = 8

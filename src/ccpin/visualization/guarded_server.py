@@ -31,7 +31,8 @@ LARGEST_BACKLOG = 16 << 20
 """Bytes that may wait for a page, besides those that greet it."""
 EACH = 1 << 10
 """Bytes that a message takes while it waits, besides its own."""
-LARGEST_HEADER, LARGEST_BODY = 1 << 14, 1 << 12
+LARGEST_HEADER = 1 << 14  # bytes of a request
+LARGEST_BODY = 1 << 12  # bytes of a request: more is refused
 TOO_SLOW = 1013
 """The code with which a page is hung up on that does not read."""
 HEADERS = {

@@ -34,7 +34,8 @@ class HasForce(Protocol):
         """The force, N, of shape (T, 3), in world axes."""
 
 
-MAX_FRAMES = 100_000
+MAX_FRAMES = 100_000  # of an animation: bounds its page's size
+# From unit length: quaternions and (cosine, sine) pairs farther off are refused, nearer ones normalised.
 NOT_UNIT = 1e-3
 
 

@@ -27,12 +27,12 @@ from ccpin.visualization.scene_page import SceneCommand
 from ccpin.visualization.shapes import material, parts
 
 CAMERA = "/Cameras/default/rotated/<object>"
-FRAMED_SAMPLES = 60
+FRAMED_SAMPLES = 60  # configurations, spread over a motion, that the views are framed for
 MARGIN, CLEARANCE = 0.1, 0.02
 """How far the mechanism may leave the frame before it is framed anew, and the ground's distance, of its size."""
 HIDDEN = ("/Grid", "/Axes", "/Lights/PointLightNegativeX", "/Lights/PointLightPositiveX", "/Lights/FillLight")
-TOP, BOTTOM = [0.98, 0.985, 0.99], [0.86, 0.89, 0.925]
-AMBIENT = 0.5
+TOP, BOTTOM = [0.98, 0.985, 0.99], [0.86, 0.89, 0.925]  # of the background
+AMBIENT = 0.5  # intensity of the light from everywhere
 LIGHTS = {"Key": ([-0.45, 0.9, 1.0], 0.40), "Fill": ([0.9, 0.25, 0.5], 0.22), "Rim": ([0.1, 0.6, -1.0], 0.20)}
 """Directions towards the lights as the camera sees them (right, up, towards the viewer), and their intensities."""
 

@@ -15,11 +15,12 @@ from ccpin.arrays import Array, frozen
 from ccpin.description.elements.meshes import LARGEST, SUFFIXES, is_mesh
 from ccpin.description.model import Shape, frame
 
-MAX_FACES_SMOOTHED = 50_000
-ROUGHNESS, METALNESS = 0.5, 0.15
+MAX_FACES_SMOOTHED = 50_000  # meshes of more keep the shading of their faces: smoothing takes long
+ROUGHNESS = 0.5  # of painted metal
+METALNESS = 0.15  # of the same, slightly glossy
 SIDES, RINGS = 24, 12
 """Facets of a ball: around and from pole to pole."""
-Z_TO_Y: Array = frozen([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+Z_TO_Y: Array = frozen([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # MeshCat's cylinders lie along y
 
 
 class Triangles(NamedTuple):
@@ -194,6 +195,7 @@ def tube(points: Array, radius: float, sides: int = 8) -> TubeMesh | None:
         normal = across / np.linalg.norm(across)
         binormal = np.cross(tangent, normal)
         rings.append(point + radius * (np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), binormal)))
+    # two triangles to each side of each ring: its vertex, the next one round, and the same two of the next ring
     first = np.arange(sides * (len(points) - 1))
     turned = first - first % sides + (first + 1) % sides
     pairs = np.stack([first, turned, first + sides, turned, turned + sides, first + sides], 1)

@@ -69,7 +69,7 @@ def test_modes_change_on_a_way_through_all_parts():
     mechanism = load_slice()
     parts = [certify_sheets(mechanism, part, max_depth=4) for part in split_region(REGION, 4)]
     merged = merge(parts)
-    q = np.random.default_rng(2).uniform(*REGION, (4000, 2))
+    q = np.random.default_rng(2).uniform(*REGION, (1000, 2))
     counted, (expected, doubtful) = merged.number_of_solutions(q), sextic.modes(with_first_leg(q))
     assert not np.any((counted >= 0) & (counted != expected) & ~doubtful)
     assert max(sheet.layers for sheet in merged.sheets) > max(s.layers for part in parts for s in part.sheets)

@@ -136,7 +136,8 @@ def test_overlapping_parts_list_a_curve_once(rpdr):
     assert missed(seam, of_five_bar(rpdr, RPDR, 20_000, 4, ISOLATED)) == 0
 
 
-@pytest.mark.parametrize("count", [2, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [2, 4])
 def test_curves_with_cusps_are_joined(count):
     """The 3-RPR over a cusp: a curve that goes on in six dimensions."""
     parts = parts_of(load_slice(), split_region(SLICE, count))

@@ -14,7 +14,7 @@ from tests.oracles import descriptor
 from tests.support.strategies import Growth, mechanisms
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(mechanisms())
 def test_mobility_is_the_null_space_of_unreduced_rows(drawn):
     """n is n′ less the rank of rows written anew, and the null spaces are the same."""
@@ -29,7 +29,7 @@ def test_mobility_is_the_null_space_of_unreduced_rows(drawn):
     np.testing.assert_allclose(basis.T @ basis, np.eye(mechanism.n), rtol=0, atol=1e-12)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(mechanisms())
 def test_the_independent_set_measures_the_motion(drawn):
     """The coordinates chosen are n in number, and ψ_q′ is far from singular wherever a better set is possible."""

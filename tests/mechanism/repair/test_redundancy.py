@@ -143,7 +143,7 @@ def test_a_tolerance_is_a_small_number(tolerance):
         ccpin.load("rpdr", geometry_tolerance=tolerance)
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(mechanisms())
 def test_exact_geometry_is_left_alone(drawn):
     """Mechanisms that close by construction keep every number they state."""

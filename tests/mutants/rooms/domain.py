@@ -4,11 +4,64 @@ from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
+_GRAVITY = "control/stability/set_point/test_gravity_bounds.py"
+_MOTION = "control/stability/tracking/test_motion_bounds.py"
 ROOMS: tuple[Room, ...] = (
     Room(
         "control/stability/set_point/potential",
         ("_remainder", "_slope_bound", "_curvature_change", "_inverse_bound", "_variation", "_symmetric"),
         ("control/stability/set_point/test_sharp_gravity.py",),
+    ),
+    Room(
+        "control/stability/set_point/potential",
+        (
+            "GravityBounds.norm",
+            "GravityBounds.spread",
+            "_expand",
+            "_slopes",
+            "Potential.magnitude",
+            "potential_of",
+            "_padded",
+            "potential_values",
+        ),
+        (
+            "control/stability/set_point/test_sharp_gravity.py",
+            f"{_GRAVITY}::test_centre_is_exact",
+            f"{_GRAVITY}::test_the_bounds_are_attained_by_a_lone_arm",
+            f"{_GRAVITY}::test_norm_bounds_the_variation",
+        ),
+    ),
+    Room(
+        "control/stability/tracking/motion_bounds",
+        (
+            "_Tips.third_along",
+            "_tips",
+            "Reduced.__init__",
+            "Reduced.free_inertia",
+            "Reduced.coriolis",
+            "Reduced.force_slope",
+            "Reduced._third",
+            "Reduced.pairs",
+            "Reduced._whole",
+            "_FreeForce.__init__",
+            "_placed",
+        ),
+        tuple(
+            f"{_MOTION}::{test}[{name}]"
+            for name in ("sprung", "slider_crank", "rpdr")
+            for test in ("test_at_one_configuration_they_are_the_model", "test_over_sets_they_hold_their_members")
+        ),
+    ),
+    Room(
+        "control/stability/tracking/masses",
+        ("_DATA", "masses_of"),
+        (
+            *(
+                f"{_MOTION}::test_at_one_configuration_they_are_the_model[{name}]"
+                for name in ("sprung", "slider_crank")
+            ),
+            "control/stability/tracking/test_sharp_masses.py",
+        ),
     ),
 )
 

@@ -147,7 +147,12 @@ ROOMS: tuple[Room, ...] = (
         _WELLS,
     ),
     Room("control/stability/tracking/deviation", ("Deviation.size", "_motion", "thickened"), _TRACKING),
-    Room("control/stability/tracking/on_line", ("online_demand", "_speed", "_newton", "_worst"), _TRACKING),
+    Room(
+        "control/stability/tracking/on_line",
+        ("online_demand", "_speed", "_newton", "_worst"),
+        _TRACKING,
+        (("while error > sigma_error", "steps < _MOST", "how many steps are tried"),),
+    ),
     Room(
         "control/stability/tracking/tube_search",
         (
@@ -160,6 +165,12 @@ ROOMS: tuple[Room, ...] = (
             "_reached",
         ),
         _TRACKING,
+        (
+            ("if k and kicks[k]", "not asked: kicks[k]", "a level that is raised by nothing is only larger by `SLACK`"),
+            ("for self.rounds in range(", "without 1", "how many rounds are tried"),
+            ("needed = np.maximum(", "minimum", "rooms that are tried: 4 and 5 are asked of them"),
+            ("~proved, np.zeros((count, 2 * n))", "", "words"),
+        ),
     ),
     Room(
         "control/stability/tracking/tracking_error",

@@ -33,9 +33,17 @@ def crossings(motion, direction):
     return np.array(found)
 
 
-@pytest.mark.parametrize("method", ["RK45", "DOP853", pytest.param("LSODA", marks=same_on_both)])
-@pytest.mark.parametrize("sample_period", [1e-3, 0.7])
-@pytest.mark.parametrize("direction", [-1, 0, 1])
+@pytest.mark.parametrize(
+    ("direction", "sample_period", "method"),
+    [
+        (-1, 1e-3, "RK45"),
+        (1, 0.7, "RK45"),
+        (0, 1e-3, "DOP853"),
+        (0, 0.7, "DOP853"),
+        pytest.param(1, 1e-3, "LSODA", marks=same_on_both),
+        pytest.param(-1, 0.7, "LSODA", marks=same_on_both),
+    ],
+)
 def test_zeros_are_where_they_are(rpdr_model, fine, direction, sample_period, method):
     """Every passage through the resting place, in order, to 1e-8 s, with the configuration there."""
     passing = Event(lambda t, state, v: state.q[0] - HANGING[0], "passing", direction)

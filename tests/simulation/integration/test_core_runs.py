@@ -104,18 +104,18 @@ def test_ctrl_c_ends_an_advance_where_the_motion_is_certain():
     assert moving.advance(moving.t + 0.01).closure_error <= 1e-10
 
 
-@pytest.mark.parametrize("budget", [Budget(evaluations=1000), Budget(seconds=1e-3)])
+@pytest.mark.parametrize("budget", [Budget(evaluations=500), Budget(seconds=1e-3)])
 def test_a_budget_ends_a_motion_after_a_change(budget):
     """It is the whole run's and not a stretch's; what comes after is the rest of the same motion."""
     moving = simulator("RSSR")
     moving.advance(0.25)
     assert moving.events
-    first = moving.run(1.0, sample_period=0.01, budget=budget)
+    first = moving.run(0.6, sample_period=0.01, budget=budget)
     assert first.status == "exhausted"
     if budget.evaluations:
         assert budget.evaluations <= first.evaluations < budget.evaluations + 100
-    rest = moving.run(1.0, sample_period=0.01)
-    _, whole = released("RSSR", 1.0)
+    rest = moving.run(0.6, sample_period=0.01)
+    _, whole = released("RSSR", 0.6)
     np.testing.assert_allclose(rest.q_free[-1], whole.q_free[-1], rtol=0, atol=1e-6)
 
 
@@ -132,6 +132,7 @@ def test_a_run_that_has_ended_can_be_stepped_on():
     np.testing.assert_allclose(moving.sample().q_free, whole.q_free[-1], rtol=0, atol=1e-8)
 
 
+@in_core
 def test_held_efforts_go_through_a_change(rpdr_model):
     """Steps with u held, 1 ms each, stretch the loop and go on; both backends and a torque function alike."""
     u = np.array([-0.5, 0.4])
@@ -173,7 +174,7 @@ def test_steps_after_a_change_stay_in_the_core(name, monkeypatch):
     assert moving.evaluations > 0
 
 
-@pytest.mark.parametrize("name", ["RSSR", "hung bar"])
+@pytest.mark.parametrize("name", [pytest.param("RSSR", marks=in_core), "hung bar"])
 def test_a_simulator_reset_steps_as_a_new_one(name):
     """Through changes of coordinates and back to the first ones: the same bits and as many evaluations."""
     model, v = case(name)
@@ -205,7 +206,7 @@ def test_a_step_after_a_change_asks_no_more_often(name):
     assert asked[1] <= asked[0]
 
 
-@pytest.mark.parametrize("name", ["RSSR", "Stewart"])
+@pytest.mark.parametrize("name", ["RSSR", pytest.param("Stewart", marks=in_core)])
 def test_memory_taken_after_a_change_is_gone_on_with_to_the_last_bit(name):
     """Another simulator takes up the same coordinates, the centres of their charts included."""
     first, second = simulator(name), simulator(name)
@@ -230,6 +231,7 @@ def test_a_memory_that_lacks_something_is_refused(rpdr_model):
         moving.recall(memory)
 
 
+@in_core
 def test_threads_share_a_model_whose_motions_change_coordinates():
     """Two at once are each what one alone is, bit for bit."""
     _, alone = released("RSSR", 0.5)

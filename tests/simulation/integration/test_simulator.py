@@ -11,6 +11,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.simulation import Budget, Event
 from tests.oracles import rpdr as oracle
 from tests.support.agreement import reference_model
+from tests.support.backends import same_on_both
 from tests.support.limp import Limp
 from tests.support.paper import FRICTION, GOAL, K_P, K_V, START
 
@@ -23,7 +24,7 @@ def law(rpdr_model):
     return PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
 
 
-@pytest.fixture(scope="module", params=["core", "numpy"])
+@pytest.fixture(scope="module", params=["core", pytest.param("numpy", marks=same_on_both)])
 def either_model(request, rpdr_model):
     """The RPDR as it computes by default, and with NumPy alone."""
     return rpdr_model if request.param == "core" else reference_model(rpdr_model.mechanism)
@@ -289,8 +290,18 @@ def test_a_law_that_fails_at_once_raises(rpdr_model):
         ccpin.simulate(rpdr_model, lambda t, q, v: np.zeros(3), START, duration=1.0)
 
 
-@pytest.mark.parametrize("method", ["RK45", "DOP853", "RK23", "Radau"])
-@pytest.mark.parametrize("options", [{}, {"rtol": 1e-12, "atol": 1e-13}, {"rtol": 1e-6, "atol": 1e-8}])
+TOLERANCES = ({}, {"rtol": 1e-12, "atol": 1e-13}, {"rtol": 1e-6, "atol": 1e-8})
+MANY_STEPS = [("RK23", TOLERANCES[1]), ("Radau", TOLERANCES[1])]
+
+
+@pytest.mark.parametrize(
+    ("method", "options"),
+    [
+        pytest.param(method, options, marks=[same_on_both] * ((method, options) in MANY_STEPS))
+        for options in TOLERANCES
+        for method in ("RK45", "DOP853", "RK23", "Radau")
+    ],
+)
 def test_a_singularity_is_one_for_every_integrator(rpdr_model, method, options):
     """Thrown at the stretched loop the motion ends as singular, by all of them."""
     motion = ccpin.simulate(

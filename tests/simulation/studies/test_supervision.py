@@ -24,6 +24,7 @@ from tests.support.passive import case
 from tests.support.places import ROOT
 
 BENCH = Sampling(1e-3, encoder_counts=4096, velocity_cutoff=100.0, saturation=12.0, delay=1)
+pytestmark = same_on_both  # cycles on NumPy: `test_supervised_cycles`
 ARRIVED = Settling(GOAL, band=1e-3, speed=1e-2, hold=0.02)
 
 
@@ -218,7 +219,6 @@ def cycles(model, journal, count, **options):
     )
 
 
-@same_on_both
 @pytest.mark.parametrize("bench", [{}, {"friction": FRICTION, "sampling": BENCH}])
 def test_a_journal_is_gone_on_with_to_the_last_bit(rpdr_model, tmp_path, bench):
     """A cycle, then one more, are two cycles in one go; so they are behind a record that was cut off."""
@@ -274,7 +274,6 @@ def test_a_journal_is_gone_on_with_after_a_change_of_coordinates(tmp_path, law):
     assert [event.t for event in resumed.events] == [event.t for event in whole.trajectory.events]
 
 
-@same_on_both
 def test_kill_9_costs_a_move_at_most(rpdr_model, tmp_path):
     """A process killed in the middle leaves whole moves; another goes on and ends where an undisturbed one does."""
     path = tmp_path / "cycles.moves"
@@ -333,7 +332,6 @@ def test_journals_are_of_one_law_and_one_mechanism(rpdr, rpdr_model, tmp_path):
     assert len(cycles(same, path, 1).moves) == 2
 
 
-@same_on_both
 def test_an_interrupted_journal_has_the_rest_in_memory(rpdr_model, tmp_path):
     """A budget ends a move: its part is among the moves, not in the file, and is made again later."""
     path = tmp_path / "cycles.moves"
@@ -369,7 +367,6 @@ class Ledger:
         return np.diff(np.array(self.rows), axis=0)
 
 
-@same_on_both
 def test_a_full_disk_loses_no_move(rpdr_model, tmp_path, monkeypatch):
     """The move that could not be written is there with the cause; those before are in the file, to go on behind."""
     path, sync, calls = tmp_path / "cycles.moves", os.fsync, []
@@ -390,7 +387,6 @@ def test_a_full_disk_loses_no_move(rpdr_model, tmp_path, monkeypatch):
     assert np.array_equal(cycles(rpdr_model, path, 2).trajectory.q, cycles(rpdr_model, None, 2).trajectory.q)
 
 
-@same_on_both
 @pytest.mark.parametrize("stored", [True, False])
 @pytest.mark.slow
 def test_cost_is_linear_and_memory_flat(rpdr_model, tmp_path, monkeypatch, stored):

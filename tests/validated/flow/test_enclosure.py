@@ -59,8 +59,8 @@ def test_encloses_what_an_integrator_computes(enclosure, motion):
 
 def test_enclosures_of_other_orders_and_precisions_overlap(rpdr_model, law, enclosure):
     """Both hold the one exact trajectory, so their boxes meet at every time."""
-    other = enclose(rpdr_model, law, START, None, 0.1, precision=192, order=22, tolerance=1e-22, pieces=5)
-    for t in np.linspace(0.0, 0.1, 41):
+    other = enclose(rpdr_model, law, START, None, 0.05, precision=192, order=22, tolerance=1e-22, pieces=5)
+    for t in np.linspace(0.0, 0.05, 21):
         assert all(a.overlaps(b) for a, b in zip(enclosure.box(t), other.box(t), strict=True))
 
 

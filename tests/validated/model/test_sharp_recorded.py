@@ -22,8 +22,7 @@ from ccpin.validated.arithmetic.series import values  # noqa: E402
 from ccpin.validated.model import ball_joints, recorded_coordinates, recorded_tree  # noqa: E402
 from ccpin.validated.model.closed_loop import _unit_lengths, recorded_loop, too_far_turned  # noqa: E402
 from ccpin.validated.model.recorded_laws import require_sampled  # noqa: E402
-from tests.support.strategies import Growth  # noqa: E402
-from tests.validated.test_joints import (  # noqa: E402
+from tests.support.recorded import (  # noqa: E402
     MECHANISMS,
     Y,
     at,
@@ -34,6 +33,7 @@ from tests.validated.test_joints import (  # noqa: E402
     with_kinds,
     x_rate,
 )
+from tests.support.strategies import Growth  # noqa: E402
 
 
 @pytest.fixture(autouse=True)

@@ -25,9 +25,9 @@ from ccpin.description.model import (
     rotation_to,
 )
 
-PERPENDICULAR = 1e-9
-Z_TO_X: Array = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])
-Z_TO_Y: Array = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+PERPENDICULAR = 1e-9  # cosine of the angle from which on two axes are perpendicular
+Z_TO_X: Array = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])  # its x axis is the former z
+Z_TO_Y: Array = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # its y axis is the former z
 _CLOSURES = {
     "revolute": "revolute",
     "continuous": "revolute",

@@ -9,7 +9,7 @@ SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".off", ".msh")
 """What a mesh file's name ends in, in any letter case; no other file is opened for its geometry."""
 LARGEST = 500_000_000
 """Bytes of the largest mesh file that is opened."""
-_ABOVE = 4
+_ABOVE = 4  # folders above the file's own
 
 
 def find_mesh(name: str, source: str | None) -> Path | None:

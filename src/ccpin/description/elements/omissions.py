@@ -9,7 +9,7 @@ import numpy as np
 from ccpin.description.joint_kinds import FIXED
 from ccpin.description.model import MechanismDescription, Motor
 
-_MOST = 5
+_MOST = 5  # names in one sentence
 
 
 def _driven(description: MechanismDescription) -> list[Motor]:

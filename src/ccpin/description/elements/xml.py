@@ -21,8 +21,8 @@ from ccpin.files import write_atomically
 
 XmlElement: TypeAlias = Any  # lxml's etree._Element, which has no type stubs
 Colour: TypeAlias = tuple[float, float, float, float]
-ZERO = (0.0, 0.0, 0.0)
-MAX_BYTES = 32 * 1024 * 1024
+ZERO = (0.0, 0.0, 0.0)  # xyz and rpy where an element states none
+MAX_BYTES = 32 * 1024 * 1024  # 32 MiB: bounds what a file makes the parser hold
 TRUTH = {"true": True, "1": True, "false": False, "0": False}
 
 

@@ -19,7 +19,7 @@ from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.joints import WorldBody
 from ccpin.description.model import Joint, Motor
 
-_X_AXIS = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_X_AXIS = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # MuJoCo's own gear
 _TYPES = ("dyntype", "gaintype", "biastype")
 _KEPT = ("kp", "ki", "kv", "dampratio")
 

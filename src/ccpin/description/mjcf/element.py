@@ -16,8 +16,8 @@ from ccpin.description.mjcf.schema import ATTRIBUTES, LEAVES, NUMERIC, ORIENTATI
 from ccpin.description.model import frame, rotation_to
 from ccpin.errors import DescriptionError
 
-_LARGEST = 1e30
-_LONGEST = 10
+_LARGEST = 1e30  # a number beyond it is refused, and inf and NaN with it
+_LONGEST = 10  # numbers of a numeric attribute: more are refused
 _FLAGS = {"true": True, "false": False}
 
 

@@ -21,7 +21,7 @@ from ccpin.description.model import Coupling, CouplingTerm, LoopClosure, frame
 
 _KINDS: dict[str, str] = {"connect": "spherical", "weld": "fixed"}
 _LEFT_OUT = ("flex", "flexvert", "flexstrain", "distance")
-_POLYNOMIAL = (0.0, 1.0, 0.0, 0.0, 0.0)
+_POLYNOMIAL = (0.0, 1.0, 0.0, 0.0, 0.0)  # MuJoCo's own polycoef: y = x
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from ccpin.description.model import Inertia, Shape, Visual
 
 Kind = Literal["sphere", "capsule", "cylinder", "ellipsoid", "box"]
 Axes = tuple[float, float, float]
-_SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
+_SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}  # numbers of `size` that a solid needs
 _SURFACES = ("plane", "hfield")
 _MESHES = ("mesh", "sdf")
 _TYPES = (*_SIZES, *_SURFACES, *_MESHES)

@@ -15,8 +15,8 @@ from ccpin.description.mjcf.geoms import Assets, Geom, geom_inertia, weighs_noth
 from ccpin.description.mjcf.schema import ORIENTATIONS
 from ccpin.description.model import Inertia, Link
 
-_SLACK = 1e-9
-_NOTHING = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+_SLACK = 1e-9  # relative: rounding of principal moments
+_NOTHING = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))  # of a body without mass
 
 
 def body_inertia(

@@ -17,8 +17,8 @@ from ccpin.description.mjcf.resolving import moved
 from ccpin.description.mjcf.schema import FORCES, KINDS, WORLD
 from ccpin.description.model import IDENTITY, Joint, Link, frame
 
-_DOFS = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}
-_Z = (0.0, 0.0, 1.0)
+_DOFS = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}  # velocities of each type
+_Z = (0.0, 0.0, 1.0)  # MuJoCo's own axis
 
 
 class NameGiver:

@@ -19,7 +19,7 @@ from ccpin.description.mjcf.element import Element
 from ccpin.description.model import Inertia, frame
 
 _READABLE = (".msh", ".obj", ".stl")
-_MOST_NUMBERS = 10_000_000
+_MOST_NUMBERS = 10_000_000  # of a mesh written into the file: bounds time and memory
 _THINNEST = 1e-9  # volume or area by the mesh's size to the third or second power
 _WAYS = ("legacy", "exact", "convex", "shell")
 
@@ -62,15 +62,16 @@ class MeshAsset:
         if not areas.sum() > _THINNEST * size**2:
             raise self._fail("its faces have no area")
         middle = areas @ corners.mean(axis=1) / areas.sum()
-        weights, share = self._weights(corners - middle, areas), 3.0 if self.way == "shell" else 4.0
+        share = 3.0 if self.way == "shell" else 4.0
+        rough = self._weights(corners - middle, areas)
         least = _THINNEST * size ** (share - 1.0)
-        if not weights.sum() > least:
-            raise self._fail(f"its volume is {weights.sum():.3g} m³; the faces should look outwards around a solid")
-        com = middle + weights @ (corners - middle).sum(axis=1) / share / weights.sum()
-        corners = corners - com
-        weights = self._weights(corners, areas)
-        sums = corners.sum(axis=1)
-        second = np.einsum("f,fvi,fvj->ij", weights, corners, corners) + np.einsum("f,fi,fj->ij", weights, sums, sums)
+        if not rough.sum() > least:
+            raise self._fail(f"its volume is {rough.sum():.3g} m³; the faces should look outwards around a solid")
+        com = middle + rough @ (corners - middle).sum(axis=1) / share / rough.sum()
+        arms = corners - com
+        weights = self._weights(arms, areas)
+        sums = arms.sum(axis=1)
+        second = np.einsum("f,fvi,fvj->ij", weights, arms, arms) + np.einsum("f,fi,fj->ij", weights, sums, sums)
         second /= share * (share + 1.0)
         return Inertia(float(weights.sum()), com, np.trace(second) * np.eye(3) - second)
 

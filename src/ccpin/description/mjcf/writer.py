@@ -30,7 +30,7 @@ from ccpin.description.model import (
 _TYPES = {kind: word for word, kind in KINDS.items()} | {"continuous": "hinge"}
 _CLOSURES = ("spherical", "revolute", "fixed")
 _MESHES = (".stl", ".obj", ".msh")
-_LARGEST_POWER = 4
+_LARGEST_POWER = 4  # of x in an equality's polycoef
 
 
 def write_mjcf(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:

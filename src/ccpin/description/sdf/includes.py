@@ -8,8 +8,8 @@ from ccpin.description.elements.xml import XmlElement, fail, parse_xml, source_o
 from ccpin.description.sdf.values import first, required, text
 from ccpin.errors import DescriptionError
 
-MOST_FILES = 500
-DEEPEST = 16
+MOST_FILES = 500  # of one model: bounds time, where files include each other over and over
+DEEPEST = 16  # includes inside each other: more are taken for a circle
 _SCHEMES = ("model://", "package://", "file://")
 
 

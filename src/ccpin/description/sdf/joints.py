@@ -26,7 +26,7 @@ DRAKE = ("drake:rotor_inertia", "drake:gear_ratio")
 FRAMES = ("parent_frame", "child_frame")
 TYPES = ("revolute", "continuous", "prismatic", "ball", "universal", "revolute2", "screw", "gearbox", "fixed")
 _SOFT = ("cfm", "erp", "suspension", "max_force", "velocity", "fudge_factor", "bounce")
-_Z = np.array([0.0, 0.0, 1.0])
+_Z = np.array([0.0, 0.0, 1.0])  # SDFormat's own axis
 
 
 class JointFrames(NamedTuple):

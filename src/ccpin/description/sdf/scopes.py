@@ -16,8 +16,8 @@ from ccpin.description.sdf.includes import Including
 from ccpin.description.sdf.values import first, flag, own, placement, relative_to, required
 
 MODEL, WORLD = "__model__", "world"
-LONGEST_CHAIN = 200
-DEEPEST = 50
+LONGEST_CHAIN = 200  # poses that refer to one another: found by recursion, which Python limits
+DEEPEST = 50  # models inside each other: read by recursion, which Python limits
 
 
 class PlacedModel(NamedTuple):

@@ -12,7 +12,7 @@ from ccpin.arrays import Array
 from ccpin.description.elements.xml import TRUTH, XmlElement, fail, spelt, tag
 from ccpin.description.model import IDENTITY, frame, frame_from_rpy
 
-UNLIMITED = 1e16
+UNLIMITED = 1e16  # SDFormat's own: a limit as large is none
 
 
 def own(element: XmlElement, *names: str) -> list[XmlElement]:

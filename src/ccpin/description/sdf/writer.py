@@ -27,8 +27,8 @@ from ccpin.description.model import (
 from ccpin.description.sdf.written_parts import add_axis, add_pose, add_visual, say
 
 WORLD, MODEL = "world", "__model__"
-GRAVITY = (0.0, 0.0, -9.81)
-CLOSED = 1e-10
+GRAVITY = (0.0, 0.0, -9.81)  # m/s², SDFormat's own where a file states none
+CLOSED = 1e-10  # m or rad: farther apart, a closure's frames do not stand as its kind asks
 _DRAKE = "drake.mit.edu"
 _TYPES = {"revolute", "continuous", "prismatic", "fixed"}
 _CLOSURES = {"spherical": "ball", "revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed"}

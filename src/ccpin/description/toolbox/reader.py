@@ -16,10 +16,10 @@ from ccpin.description.model import Joint, Link, LoopClosure, MechanismDescripti
 from ccpin.description.urdf.reader import urdf_description
 from ccpin.errors import DescriptionError, DescriptionNotFoundError, InvalidXmlError
 
-MAX_BYTES = 128 * 1024
-MAX_DEPTH = 8
+MAX_BYTES = 128 * 1024  # 128 KiB: bounds what a file makes the parser do
+MAX_DEPTH = 8  # lists and tables inside each other: bounds the recursion that reads them
 KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
-AXES = dict(zip("XYZ", map(frozen, np.eye(3)), strict=True))
+AXES = dict(zip("XYZ", map(frozen, np.eye(3)), strict=True))  # by their letters in UJOINT_ab
 UNIVERSAL = tuple(f"UJOINT_{a}{b}" for a in AXES for b in AXES if a != b)
 JOINT_TYPES = ("SPHERICAL", "FIXED", *UNIVERSAL)
 

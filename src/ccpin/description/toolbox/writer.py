@@ -15,7 +15,7 @@ from ccpin.description.model import IDENTITY, Joint, Link, LoopClosure, Mechanis
 from ccpin.description.urdf.writer import write_urdf
 from ccpin.files import write_atomically
 
-_AXIS_POINT = frame([0.0, 0.0, 0.1])
+_AXIS_POINT = frame([0.0, 0.0, 0.1])  # a second point on the axis, 0.1 m along it: with both held, one turn is left
 
 
 class _Pair(NamedTuple):

@@ -10,7 +10,7 @@ from ccpin.description.elements.xml import XmlElement, child, children, fail, nu
 from ccpin.description.model import Coupling, CouplingTerm, Joint, LoopClosure
 from ccpin.description.urdf.loop_elements import read_loops
 
-_MOST_TERMS = 1_000_000
+_MOST_TERMS = 1_000_000  # joints over all couplings: bounds time and memory
 
 
 class Marks(NamedTuple):

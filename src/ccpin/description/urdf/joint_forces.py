@@ -12,7 +12,7 @@ from ccpin.description.joint_kinds import FIXED
 from ccpin.description.model import Joint, Motor
 from ccpin.description.names import nearest
 
-_DYNAMICS = {"damping": 1, "friction": 1, "armature": 1}
+_DYNAMICS = {"damping": 1, "friction": 1, "armature": 1}  # one number an attribute
 _GAZEBO = {"springStiffness": "stiffness", "springReference": "spring_reference"}
 _REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
 _SIMPLE = "SimpleTransmission"

@@ -56,7 +56,7 @@ NUMERIC: dict[str, dict[str, int]] = {
     "color": {"rgba": 4},
 }
 SHAPES = ("box", "cylinder", "sphere", "mesh")
-WHITE: Colour = (1.0, 1.0, 1.0, 1.0)
+WHITE: Colour = (1.0, 1.0, 1.0, 1.0)  # of a <color> without rgba
 
 
 def urdf_description(root: XmlElement) -> MechanismDescription:

@@ -27,7 +27,7 @@ from ccpin.mechanism.loading.analysis import Wishes, analysed
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.pinocchio.reader import describe_pinocchio
 
-GEOMETRY_TOLERANCE = 1e-5
+GEOMETRY_TOLERANCE = 1e-5  # relative to the length around a loop: rows that are redundant within it are meant to be
 
 
 def load(

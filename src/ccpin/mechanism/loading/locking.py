@@ -39,13 +39,13 @@ from ccpin.mechanism.loading.fixing import fixed
 from ccpin.mechanism.loading.reference_search import Settled
 from ccpin.mechanism.motion.idle import Idle, Turning
 
-_ALONG = 1e-6
-_SYMMETRIC = 1e-5
-_ROUNDING = 1e-12
-_ON_BALLS = 1.0
-_ON_HINGES = 0.1
-_FAIR = 0.1
-_ALWAYS = 0.99
+_ALONG = 1e-6  # rad/s in a spin of 1 rad/s: rates that differ by less are one
+_SYMMETRIC = 1e-5  # of the inertia: less asymmetry is none (its square, where an offset counts squared)
+_ROUNDING = 1e-12  # of the inertia across: what a rod keeps about its axis, for an inertia that is positive definite
+_ON_BALLS = 1.0  # inertia about the axis over that across: more is no rod, on a ball
+_ON_HINGES = 0.1  # the same on a joint about the axis itself, where a door is none either
+_FAIR = 0.1  # of a lock's quality: one that is worse is none
+_ALWAYS = 0.99  # of a lock's quality: that of a joint about the axis itself, which is 1
 
 
 class Lock(NamedTuple):

@@ -30,8 +30,8 @@ from ccpin.mechanism.repair.redundancy import Repair, Rounded
 
 FROM_SINGULAR = "a step away from a singular closed pose"
 STATED = "the stated pose"
-_POOR = 1e-3
-_MOVED = 1e-3
+_POOR = 1e-3  # independence of the wanted joints, below which a step away is looked at
+_MOVED = 1e-3  # m or rad: a stated joint that moved less is not told
 
 
 def stated_pose(

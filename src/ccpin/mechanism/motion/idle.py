@@ -21,8 +21,8 @@ from ccpin.kinematics.scratch import six_rows
 from ccpin.kinematics.tree import Tree
 from ccpin.mechanism.motion.mobility import Tangent, sample_closed
 
-_SAMPLES = 3
-_STILL = 1e-9
+_SAMPLES = 3  # closed configurations nearby, in which a spin must be one too
+_STILL = 1e-9  # of a unit velocity: a body whose twist is below stays where it is
 
 
 class Turning(NamedTuple):

@@ -11,10 +11,10 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.errors import IndependentSetError
 
-_PREFERENCE = 1000.0
-_PLAIN = 10.0
-_DEPENDENT = 1e-7
-_EQUAL = 9
+_PREFERENCE = 1000.0  # weight of the favoured: of others only those that measure a thousand times better come before
+_PLAIN = 10.0  # weight of plain components, against others that are not favoured
+_DEPENDENT = 1e-7  # length left of a component that those chosen before fix
+_EQUAL = 9  # figures to which lengths are compared
 
 
 class MotionSpace(NamedTuple):

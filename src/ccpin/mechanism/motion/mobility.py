@@ -16,8 +16,8 @@ from ccpin.arrays import Array
 from ccpin.kinematics.constraints import Constraints
 from ccpin.mechanism.poses.loop_closing import close
 
-_RANK_TOLERANCE = 1e-7
-_SAMPLES = 6
+_RANK_TOLERANCE = 1e-7  # of the largest singular value (1 at least): smaller ones are zero
+_SAMPLES = 6  # closed configurations nearby, by default: the generic rank is the largest of theirs
 
 
 class Mobility(NamedTuple):

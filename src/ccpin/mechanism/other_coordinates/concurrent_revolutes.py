@@ -32,9 +32,9 @@ from ccpin.description.rotations import quaternion_matrix
 from ccpin.kinematics.tree import ROOT_JOINT, Tree, TreeJoint, build_tree
 from ccpin.mechanism.mechanism import Mechanism
 
-_SQUARE = 1e-12
-_ONE_POINT = 1e-12
-_LOCKED = 1e-9
+_SQUARE = 1e-12  # cosine of the angle from which on axes are square
+_ONE_POINT = 1e-12  # of the joints' distances: axes nearer meet in one point
+_LOCKED = 1e-9  # sine of the second angle, and of the largest rate: gimbal lock
 
 
 class Triple(NamedTuple):

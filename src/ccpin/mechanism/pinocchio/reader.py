@@ -26,8 +26,8 @@ from ccpin.description.model import (
 )
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 
-_UNLIMITED = 1e16
-_AXES = np.eye(3)
+_UNLIMITED = 1e16  # a limit as large is none
+_AXES = np.eye(3)  # x, y and z
 # Joints of several velocities as steps: kind and axis each, in the order of q.
 _CHAINS: dict[str, tuple[tuple[str, Array], ...]] = {
     "JointModelTranslation": tuple(("prismatic", axis) for axis in _AXES),

@@ -10,7 +10,7 @@ from ccpin.errors import UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.loops import ResolvedClosure
 
-_ALONG = 0.1
+_ALONG = 0.1  # m along the axis, of a second point: with both held, one turn is left
 
 
 def constraint_models(constraints: Constraints) -> list[pin.RigidConstraintModel]:

@@ -25,13 +25,13 @@ from ccpin.mechanism.poses.loop_closing import solve
 from ccpin.mechanism.poses.pose_search import within_limits
 from ccpin.mechanism.poses.same_pose import Likeness
 
-_SEED = 20005
-_SPREAD = 1.0
-_MOST_STARTS = 24
-_EACH = 6
-_LARGEST = 60
-_OPEN = 1e-6
-_REGULAR = 1e-6
+_SEED = 20005  # any: the same starts each time
+_SPREAD = 1.0  # rad or m: of the starts about the stated pose
+_MOST_STARTS = 24  # over all clusters: bounds what loading takes
+_EACH = 6  # starts of one cluster, at most
+_LARGEST = 60  # velocities: larger clusters are left out, as one start of theirs takes long
+_OPEN = 1e-6  # m or rad: a stated pose that is open by less is closed
+_REGULAR = 1e-6  # rcond of ψ_q′, above which a pose is nonsingular and on a branch
 
 
 class Settlement(NamedTuple):

@@ -15,8 +15,8 @@ from ccpin.kinematics.least_squares import Linearized, levenberg_marquardt
 from ccpin.kinematics.loops import ResolvedClosure
 from ccpin.kinematics.scratch import six_rows
 
-TOLERANCE = 1e-12
-_NEARLY_PARALLEL = 1e-6
+TOLERANCE = 1e-12  # of |φ|, m and rad
+_NEARLY_PARALLEL = 1e-6  # sin θ below which θ/sin θ is taken in its limit
 
 
 class Attempt(NamedTuple):

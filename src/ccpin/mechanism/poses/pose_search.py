@@ -14,12 +14,12 @@ from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.least_squares import Linearized
 from ccpin.mechanism.poses.loop_closing import TOLERANCE, Attempt, close, close_from_afar, solve
 
-_SEED = 20001
-_MOST_OUTSIDE = 8
-_TRIES = 8
+_SEED = 20001  # any: the same starts each time
+_MOST_OUTSIDE = 8  # more starts, once one has closed outside the joint limits
+_TRIES = 8  # values of a stage's new joints
 _ASSEMBLED = 12  # starts from which loops are assembled one by one: what closes so closes from one of the first
-_INSET = 0.01
-_NEARLY = 1e-2
+_INSET = 0.01  # of a joint's range, and no more than this in rad or m: the limits are kept with room
+_NEARLY = 1e-2  # m or rad: loops open by less may be so by the rounding of a file
 
 
 class ClosedPose(NamedTuple):

@@ -24,11 +24,11 @@ from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.tree import Tree
 
-_SAME = 1e-6
-_LIGHT = 1e-6
+_SAME = 1e-6  # of the entries of 4×4 poses (m, or none): closed configurations differ by less
+_LIGHT = 1e-6  # of the largest mass: a body with less has none and is not looked at
 _POINTLESS = ("prismatic", "cylindrical", "planar", "in_plane")
 _TURNING_ONLY = ("perpendicular",)
-_ORIGIN = np.array([0.0, 0.0, 0.0, 1.0])
+_ORIGIN = np.array([0.0, 0.0, 0.0, 1.0])  # a joint's own, homogeneous
 
 
 class _BodyEnd(NamedTuple):
@@ -54,6 +54,7 @@ class Likeness:
         self._owner: Indices = np.array([end.joint for end in ends], dtype=np.intp)
         self._points = np.array([end.point for end in ends]).reshape(-1, 4, 1)
         self._slides: Mask = np.array([end.slides for end in ends], dtype=np.bool_)
+        # the first end of each group, and for each end that of its own
         first = {int(group): k for k, group in reversed(list(enumerate(self._group)))}
         self._first: Indices = np.array([first[int(group)] for group in self._group], dtype=np.intp)
 

@@ -20,15 +20,15 @@ from ccpin.kinematics.points import moved
 from ccpin.mechanism.poses.loop_closing import close
 from ccpin.mechanism.repair.geometry import ClusterGeometry
 
-EXACT = 1e-13
-GAP = 30.0
-SEED = 20003
-_SAMPLES = 12
-_MOST_STEPS = 10
-_STRIDE = 0.4
-_TRIAL = 0.1
-_TRIALS = 3
-_MOST_FALSE = 50
+EXACT = 1e-13  # of the size (1 at least) and of the largest singular value: rounding in the arithmetic
+GAP = 30.0  # times the tolerance: singular values below, of the largest, may be zero but for errors of the geometry
+SEED = 20003  # any: the same ways each time
+_SAMPLES = 12  # poses along the motion, half of them each way
+_MOST_STEPS = 10  # of Newton's method, which ends where steps stop halving
+_STRIDE = 0.4  # rad and m: of a step along the motion, on the average
+_TRIAL = 0.1  # rad and m: of a step that tells a motion from a redundant row
+_TRIALS = 3  # such steps, in random directions
+_MOST_FALSE = 50  # directions that may turn out to be no motions
 
 
 class OpenPose(NamedTuple):

@@ -36,12 +36,12 @@ from ccpin.mechanism.repair.geometry import NO_RELATIONS, Change, Geometry, shap
 from ccpin.mechanism.repair.open_poses import GAP, SEED, OpenPose, OpenPoses
 from ccpin.mechanism.repair.relations import parallel_axes
 
-_LEAST_CUT = 1e-9
-_PARALLEL = 10.0
-_FEWEST = 3
-_ROUNDS = 4
-_MOST_STEPS = 30
-_MOST_PARAMETERS = 1500
+_LEAST_CUT = 1e-9  # of the conditions' largest singular value: the cut sinks no farther
+_PARALLEL = 10.0  # times the tolerance: axes this near to parallel are meant to be
+_FEWEST = 3  # poses along the motion, for a fit and for what is held against it
+_ROUNDS = 4  # fits, until new poses bear one out
+_MOST_STEPS = 30  # of one fit
+_MOST_PARAMETERS = 1500  # of a geometry: a larger one is left as it is, as its fits take long
 
 
 class Repair(NamedTuple):

@@ -11,7 +11,7 @@ from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.simulation.events.samples import EventRecord, Stop
 from ccpin.simulation.events.watches import AcceptedStep, Instant, Watch, crossing
 
-PARTS = 8
+PARTS = 8  # of a step, at whose ends one looks whether the motion is inside
 
 
 class Settling(NamedTuple):

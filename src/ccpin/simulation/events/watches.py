@@ -18,8 +18,8 @@ from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
 from ccpin.simulation.events.samples import EventRecord, Stop
 
-WIDTH = 1e-10
-_PARTS = 4
+WIDTH = 1e-10  # s, to which the time of an event is found
+_PARTS = 4  # of a step, at whose ends one looks: what comes and goes within one is missed
 
 
 class Event(NamedTuple):

@@ -29,13 +29,13 @@ from ccpin.mechanism.motion.mobility import tangent
 from ccpin.mechanism.other_coordinates.concurrent_revolutes import Balls, balls_of
 from ccpin.mechanism.other_coordinates.independent_sets import LEVERAGE, Measure, best_independent, with_independent
 
-_WORSE = 10.0
-_MOST_LEVERAGE = 1e3
-_FURTHEST_TURN = 2.0
-_RANK_LOSS = 1e-4
-_FRESH = 1e-9
-_NO_MASS = 1e-6
-_TAKES_PART = 0.1
+_WORSE = 10.0  # times the leverage that coordinates began with: left there
+_MOST_LEVERAGE = 1e3  # at which any are left
+_FURTHEST_TURN = 2.0  # rad, of a ball from its chart's centre; the chart ends at π
+_RANK_LOSS = 1e-4  # of φ_q′'s conditioning: the mechanism itself is singular below
+_FRESH = 1e-9  # rad or m: a motion that has come no farther since a change is not changed again
+_NO_MASS = 1e-6  # of the masses that single coordinates move: one below is none
+_TAKES_PART = 0.1  # of the largest rate: joints that are named
 
 
 class ReportedState(NamedTuple):

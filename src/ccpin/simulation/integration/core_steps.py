@@ -25,7 +25,7 @@ from ccpin.simulation.plant.plant import EffortBounds
 if TYPE_CHECKING:
     from ccpin.native._core import HeldMotion
 
-_HELD = HeldEffort(np.empty(0))
+_HELD = HeldEffort(np.empty(0))  # any: only its kind is asked for
 
 
 class HeldStep(NamedTuple):

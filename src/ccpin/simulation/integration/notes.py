@@ -12,7 +12,7 @@ from ccpin.native import backend
 from ccpin.simulation.integration.coordinate_switching import CoordinateSwitching
 from ccpin.simulation.integration.core_numbers import TABLEAUX, law_numbers
 
-_LONG = 10.0
+_LONG = 10.0  # s in Python: whoever waits longer is warned
 
 
 def stepped_in_python(model: ReducedModel, law: ControlLaw, method: str, plain: bool, spent: float) -> str:

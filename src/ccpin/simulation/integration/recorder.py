@@ -12,7 +12,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.simulation.events.samples import SAMPLED, EventRecord, StateSample
 from ccpin.simulation.events.watches import AcceptedStep, Instant
 
-_ROOM = 2e9
+_ROOM = 2e9  # bytes that a motion's samples may take
 
 
 class Sampled(Protocol):

@@ -30,8 +30,10 @@ from ccpin.simulation.integration.step_size import HasSwitches
 from ccpin.simulation.plant.plant import MotorCommands, Plant
 from ccpin.simulation.plant.stick_slip import ActingLoads, StickSlip, StickSlipWatch
 
-_CREEPING, _MOST_CREEPING, _CREEPING_RCOND = 1e-7, 200, 1e-3
-_SHORTEST_STEP = 1e-10
+_CREEPING = 1e-7  # s: shorter steps creep
+_MOST_CREEPING = 200  # creeping steps in a row that end the coordinates
+_CREEPING_RCOND = 1e-3  # of ψ_q′: above it short steps are no singularity's doing
+_SHORTEST_STEP = 1e-10  # s: where a refused step was shortened below, the coordinates end
 _REFUSALS = (ConvergenceError, SingularConfigurationError)
 
 

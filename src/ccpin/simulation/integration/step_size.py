@@ -19,8 +19,8 @@ import numpy as np
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.wireframe import outline
 
-_PART = 1 / 32
-_G = 9.81
+_PART = 1 / 32  # of √(2 l/g), the time of a fall through the mechanism's own length
+_G = 9.81  # m/s², whatever gravity is stated: a scale of time
 
 
 @runtime_checkable

@@ -34,8 +34,8 @@ Position = Literal["ignore", "stop", "end"]
 Velocity = Literal["ignore", "saturate", "end"]
 Effort = Literal["saturate", "ignore", "end"]
 
-_STOP_FREQUENCY = 50.0
-_TAPER = 0.05
+_STOP_FREQUENCY = 50.0  # Hz, of the mass felt at a stop that swings on it
+_TAPER = 0.05  # of the speed limit: over its last part a motor's effort fades out
 
 
 @dataclass(frozen=True)

@@ -37,13 +37,13 @@ from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.events.watches import AcceptedStep, Instant, Watch
 from ccpin.simulation.plant.friction import FrictionLike, JointFriction, joint_friction, moved_friction
 
-REST = 1e-8
-_REVERSED = 1e-14
-_WITHIN = 1e-8
-_RELEASED = 1e-9
-_PULL = 50.0
-_MOST_EVENTS = 200
-_INDEPENDENT = 1e-2
+REST = 1e-8  # rad/s or m/s: no faster is at rest
+_REVERSED = 1e-14  # rad/s or m/s: rounding about zero has not turned back
+_WITHIN = 1e-8  # of a level: a force beyond it by less holds the joint
+_RELEASED = 1e-9  # of the largest acceleration without friction: one below is none
+_PULL = 50.0  # 1/s, at which the rates of resting joints, where integration leaves some, decay
+_MOST_EVENTS = 200  # within a microsecond: then they have no end
+_INDEPENDENT = 1e-2  # of the largest pivot of ρ_r D⁻¹ρ_rᵀ: above it resting joints' forces are unique beyond doubt
 
 
 class FrictionForce(NamedTuple):

@@ -24,8 +24,8 @@ from ccpin.kinematics.points import BodyMotion, body_motion, joint_poses
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.results.trajectory import Trajectory
 
-_NULL = 1e-9
-_SEEN = 1e-7
+_NULL = 1e-9  # of the largest singular value of φ_q′ᵀ: a singular value below is zero
+_SEEN = 1e-7  # of a null vector's wrenches: components below are not changed by it
 
 
 class PeakForce(NamedTuple):

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 Task = Callable[[Case], Any]
 
-_POLL = 0.2
-_IN_FLIGHT = 1000
+_POLL = 0.2  # s between looks at whether the work is to end
+_IN_FLIGHT = 1000  # cases handed to a pool whose number of workers is not known
 
 
 class SweepProgress(NamedTuple):

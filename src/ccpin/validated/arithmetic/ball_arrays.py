@@ -18,11 +18,11 @@ from ccpin.arrays import Array
 from ccpin.validated.arithmetic import balls
 from ccpin.validated.arithmetic.balls import Ball, ball, centre_of, flint, upper
 
-_UNIT = 2.0**-53
+_UNIT = 2.0**-53  # roundoff of a double
 _LEAST = 1e-290  # above what thousands of underflows add
-_OUT = 1.0 + 2.0**-46
+_OUT = 1.0 + 2.0**-46  # on a radius: covers the roundings in computing it
 _TRIGONOMETRIC = 2.0**-50  # a sine in a ball of 64 bits rounded to a double
-_BITS = 64
+_BITS = 64  # in which sines and gains are enclosed, before they are rounded to doubles
 
 
 class BallArray(NamedTuple):

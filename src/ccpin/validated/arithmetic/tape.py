@@ -15,7 +15,7 @@ import numpy as np
 
 from ccpin.validated.arithmetic.balls import ball, flint
 
-INPUT, CONSTANT, ADD, SUBTRACT, MULTIPLY, SCALE, SINE, COSINE, SOLVE, PART, GAIN = range(11)
+INPUT, CONSTANT, ADD, SUBTRACT, MULTIPLY, SCALE, SINE, COSINE, SOLVE, PART, GAIN = range(11)  # kinds of instructions
 Expression = Any  # a Node, or a constant: int, fmpq or arb
 
 

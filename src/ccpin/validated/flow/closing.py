@@ -16,8 +16,8 @@ from ccpin.validated.arithmetic.balls import Ball, around, ball, flint
 from ccpin.validated.arithmetic.series import gradients, values
 from ccpin.validated.model.closed_loop import ClosedLoop
 
-_NEWTON_STEPS = 20
-_UNIQUE = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10)
+_NEWTON_STEPS = 20  # at most, of Newton's method and of sharpening: they propose, Krawczyk's operator proves
+_UNIQUE = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10)  # rad or m: radii within which uniqueness is tried, the largest first
 
 
 def closed_start(loop: ClosedLoop, q: Sequence[Ball], x: Array) -> list[Ball]:

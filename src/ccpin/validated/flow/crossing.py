@@ -20,7 +20,7 @@ from ccpin.validated.flow.step import ProvenStep, StepOptions, march
 from ccpin.validated.model.closed_loop import ClosedLoop, recorded_loop
 from ccpin.validated.model.recorded_coordinates import configuration
 
-_HALVINGS = 60
+_HALVINGS = 60  # of one step's time, where signs are proved that long
 
 
 class Crossing(NamedTuple):

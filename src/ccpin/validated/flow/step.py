@@ -16,9 +16,9 @@ from ccpin.validated.arithmetic.tape import Program
 from ccpin.validated.flow.defect import defect_along
 
 QUANTUM = 2.0**-40  # steps are multiples, so that times are exact doubles
-SHORTEST_STEP = 2.0**-20
+SHORTEST_STEP = 2.0**-20  # s: where no longer step is proved, the march ends
 _BOX_PRECISION = 64  # bits; enough for boxes as wide as a step
-_GROWTH = 1e3
+_GROWTH = 1e3  # of the enclosure's width, in one step: more is refused
 _SINGULAR = "ψ_q′, D or (of motors elsewhere than on the independent joints) ρᵀSᵀ is not proven nonsingular"
 
 Quantity = Callable[[list[Ball]], float]

@@ -118,8 +118,8 @@ def recorded_loop(
     mechanism, constraints = model.mechanism, model.parametrization.constraints
     near = mechanism.q_reference if near is None else near
     joints = exact_joints(mechanism.tree)
-    q, about = layout_of(model.coordinates, joints), numbers_of(joints, near)
-    turns = turns_of(model.coordinates, joints, about)
+    q = layout_of(model.coordinates, joints)
+    turns = turns_of(model.coordinates, joints, numbers_of(joints, near))
     about = numbers_of(joints, near, None, turns)
     n_x, n = len(about), model.n
     if held:

@@ -33,7 +33,7 @@ from ccpin.validated.arithmetic.balls import flint, rational
 from ccpin.validated.arithmetic.tape import Expression, Tape
 
 Table = Any  # an array of expressions: mypy knows no arithmetic of arrays of objects
-_SNAP = 1e-14
+_SNAP = 1e-14  # of an entry: this near to −1, 0 and 1 a rotation is by quarter turns
 
 
 class ExactJoint(NamedTuple):

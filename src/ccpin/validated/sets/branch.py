@@ -18,11 +18,11 @@ from ccpin.validated.arithmetic.series import NotInvertibleError
 from ccpin.validated.arithmetic.tape import Program
 from ccpin.validated.model.closed_loop import ClosedLoop
 
-_ROUNDS = 12
-_NEWTON_STEPS = 3
-_SIGMA_ROUNDS = 3
-_INFLATION = 1.02
-_SMALLEST = 1e-14
+_ROUNDS = 12  # boxes tried, each a little larger than the last one's image
+_NEWTON_STEPS = 3  # from nearly closed configurations: quadratic, and not a proof
+_SIGMA_ROUNDS = 3  # narrowings of σ and ρ over a box by those at its centre
+_INFLATION = 1.02  # of an image: the next box must hold its own strictly
+_SMALLEST = 1e-14  # rad or m, of a box: above the rounding of its centre
 
 
 class Jets(NamedTuple):

@@ -17,7 +17,7 @@ from ccpin.validated.model.closed_loop import ClosedLoop
 from ccpin.validated.model.recorded_laws import HALF_A_TURN
 from ccpin.validated.sets.branch import ClosedStates, Jets, closed_boxes, jets_of, nearly_closed, states_of
 
-_POINT = 1e-15
+_POINT = 1e-15  # rad or m: the box about a q that is a point, in doubles
 _LARGER = 1.05  # than needed: room for the pieces' own boxes in it
 _REGULAR = "ψ_q′ or D is not proven nonsingular on a box about the tube"
 _BRANCH = "σ is not proven to be single on a box about the tube"
@@ -135,7 +135,7 @@ def _in_pieces(loop: ClosedLoop, whole: BallArray, v: BallArray, pieces: int) ->
     """
     independent = list(loop.independent)
     places = np.array(list(product(np.linspace(-1.0, 1.0, 2 * pieces + 1)[1::2], repeat=loop.n)))
-    count = len(places)
+    count = len(places)  # pieces of a box: those of the first, then those of the second, …
     large, rest = (BallArray(*(np.repeat(x, count, axis=0) for x in wide)) for wide in (whole, v))
     offset = large.rad[:, independent] * np.tile(places, (len(whole.mid), 1))
     reach = raised(large.rad[:, independent] / pieces * (1.0 + 1e-12) + 1e-15 * np.abs(large.mid[:, independent]))

@@ -25,10 +25,11 @@ _FINE = 0.04  # slices of this over the fastest rate of the linearised flow,
 _STRIDE = 3e-3  # in which nothing moves farther from the middle, rad or m (velocities: over that rate)
 _FINER = 4  # times a slice may be halved where it fails
 _AT_ONCE = 512  # pieces of boxes at a time
-_ROOM, _AIR = 1.15, 0.05
+_ROOM = 1.15  # of the spread that the linearised flow may have: what the nonlinear one gets
+_AIR = 0.05  # of the largest spread, besides: for edges that are nearly none
 _THINNEST = 0.02  # of a frame's edges, against the others
-_GROWTH = 20.0
-_PARALLEL = 60.0
+_GROWTH = 20.0  # of what the linearised flow makes of the tube: wider ones are given up
+_PARALLEL = 60.0  # condition number of a frame's edges, from which on Lohner's frame is taken
 
 
 class Cut(NamedTuple):

@@ -29,7 +29,7 @@ from ccpin.validated.sets.propagation import CrossSection, Cut, first_section, g
 from ccpin.validated.sets.tube_theorem import TimeSlice
 
 TOO_EARLY = "the motion in the middle of the starts has not arrived itself"
-_COVERING = 1.0 + 1e-12
+_COVERING = 1.0 + 1e-12  # of a half: covers its rounding, that both cover the whole
 
 
 class Starts(NamedTuple):

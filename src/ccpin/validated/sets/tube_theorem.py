@@ -15,8 +15,8 @@ from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, inverse, 
 from ccpin.validated.model.closed_loop import ClosedLoop
 from ccpin.validated.sets.curvature import Curvature, Instants, UnboundedError, at_middles, boxes, curvature_over
 
-_TIGHT = 1e-7
-_TRIES = 60
+_TIGHT = 1e-7  # of an image, above it: 3 asks for a strict inequality
+_TRIES = 60  # images, each begun a little above the one before
 
 
 class SliceFrames(NamedTuple):

@@ -248,6 +248,7 @@ def test_gains_over_an_atlas(over, rpdr_model):
     np.testing.assert_allclose(found.effort, 2.5 * np.array([0.7, 0.6]) + np.abs(gravity), rtol=1e-9)
     assert (found.verdict, found.beta, found.beta_seen) == ("proven", 2.0, 1.9)
     assert "limited by" in found.reason
+    np.testing.assert_allclose(over(margin=1.05).K_p, 2.1 * np.eye(2))
     torn = over(whole=False)
     assert torn.verdict == "undecided"
     assert "no function" in torn.reason

@@ -127,13 +127,16 @@ def demand(monkeypatch):
         starts, count = [], len(speeds)
         told = iter(speeds)
         monkeypatch.setattr(on_line, "_TOGETHER", 3)
-        monkeypatch.setattr(on_line, "_speed", lambda *_: next(told))
+        cells, seen = states(count=6 if count == 2 else 3), []
+        monkeypatch.setattr(on_line, "_speed", lambda _, chunk: seen.append(chunk.e.mid) or next(told))
         slopes = iter([0.5 * slope, slope][:count])
         stretches = iter([stretch, 0.5 * stretch][:count])
         monkeypatch.setattr(
             on_line, "_newton", lambda _, __, start: starts.append(start) or (next(slopes), next(stretches))
         )
-        return online_demand(None, states(count=6 if count == 2 else 3), sigma_error, period), starts
+        found = online_demand(None, cells, sigma_error, period)
+        np.testing.assert_array_equal(np.concatenate(seen), cells.e.mid)
+        return found, starts
 
     return run
 
@@ -165,6 +168,8 @@ def test_newton_contracts_or_nothing_is_told(demand, share, holds):
             demand(slope)
     with pytest.raises(ConvergenceError):
         demand(np.inf)
+    with pytest.raises(ConvergenceError):  # E₀ = 1.5 ε
+        demand(2.02 / 1.5e-3, period=0.25e-3)
 
 
 def test_speeds_of_the_dependent_coordinates(monkeypatch):
@@ -276,7 +281,7 @@ def test_what_is_proved_is_told():
 
 
 @pytest.mark.parametrize("cell", [0, 1])
-@pytest.mark.parametrize(("share", "holds"), [(1.0 - 1.1e-6, True), (1.0 - 0.9e-6, False), (1.5, False)])
+@pytest.mark.parametrize(("share", "holds"), [(1.0 - 1.05e-6, True), (1.0 - 0.95e-6, False), (1.5, False)])
 def test_levels_are_below_what_is_allowed(cell, share, holds):
     """V < c_k on each cell."""
     reached = np.array([1.0, 1.0])
@@ -286,7 +291,7 @@ def test_levels_are_below_what_is_allowed(cell, share, holds):
 
 
 @pytest.mark.parametrize("place", [(0, 0), (1, 0), (1, 1)])
-@pytest.mark.parametrize(("share", "holds"), [(1.0 - 1.1e-6, True), (1.0 - 0.9e-6, False), (1.5, False)])
+@pytest.mark.parametrize(("share", "holds"), [(1.0 - 1.05e-6, True), (1.0 - 0.95e-6, False), (1.5, False)])
 def test_cells_are_entered_inside(place, share, holds):
     """|x| at the beginning of a cell is below its room."""
 
@@ -328,6 +333,7 @@ def test_what_is_open_is_told():
         ({"sources": (np.nan, 1.0)}, "φ_y"),
     ):
         found = searched(lambda k, room, w=wrong: level() if room is None else level(**w))[0].found()
+        assert found.room.shape == (2, 2)
         assert (found.verdict, said in found.reason) == ("undecided", True)
         assert np.all(np.isinf(found.bound))
         assert found.bound.shape == (2, 2)

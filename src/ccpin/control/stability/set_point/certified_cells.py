@@ -26,9 +26,10 @@ from ccpin.proof.newton import Boxes, predict, verify
 from ccpin.proof.rounding import widened
 
 Proof = Literal["untried", "proved", "failed"]
-_SHARED = 1e-9
-_COVERED = 1e-11
-_ROOM, _ROOM_AT_LEAST = 0.01, 1e-11
+_SHARED = 1e-9  # of an edge: what rounding leaves between two faces that are one
+_COVERED = 1e-11  # of a face's area: what rounding leaves uncovered
+_ROOM = 0.01  # of R and κ: by how much they are raised, and checked again
+_ROOM_AT_LEAST = 1e-11  # on R, rad or m: for tubes as thin as rounding
 
 
 def holding(lower: Array, upper: Array, q: Array) -> Indices:

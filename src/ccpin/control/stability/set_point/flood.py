@@ -22,7 +22,7 @@ from ccpin.control.stability.set_point.certified_cells import Cell, CellStore, F
 from ccpin.control.stability.set_point.well import Well
 
 Limit = Literal["domain", "gain", "budget", "depth", "interrupted"]
-_AHEAD = 16
+_AHEAD = 16  # cells proved in one batch, those next in the flood: costs at most proofs that are not used
 
 
 class FloodLimits(NamedTuple):

@@ -42,7 +42,7 @@ from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, widened
 
-_SHARPENING = 6
+_SHARPENING = 6  # passes, each of which leaves a bound: more cost time, fewer sharpness
 
 
 class GravityBounds(NamedTuple):

@@ -30,11 +30,11 @@ from ccpin.errors import InvalidInputError, SingularConfigurationError
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, encloses, predict, verify
 
-_SHRINK = 0.85
-_TRIES = 90
-_LARGEST = 0.5
-_LATTICE = 0.7
-_SEAM = 1e-9
+_SHRINK = 0.85  # of the size before: the next one tried
+_TRIES = 90  # sizes, the least of them 5e-7 of the largest
+_LARGEST = 0.5  # the size tried first: half edges, of the cell's proportions
+_LATTICE = 0.7  # of the best single cell's size: that of a lattice's cells
+_SEAM = 1e-9  # of an edge: rounding between two cells that touch; a full turn is more
 
 
 def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:

@@ -37,8 +37,9 @@ from ccpin.proof.newton import predict
 from ccpin.proof.verdict import Verdict
 from ccpin.work import stoppable
 
+# By n, depth and cells: more reach a larger c and take longer.
 _BY_COORDINATES = {1: FloodLimits(12, 400), 2: FloodLimits(14, 2000), 3: FloodLimits(9, 1500)}
-_ONE_BOX = FloodLimits(0, 1)
+_ONE_BOX = FloodLimits(0, 1)  # for more coordinates: the cell about q_d alone
 _LIMITS = {
     "domain": "the edge of the domain",
     "gain": "where ‖∂g/∂q‖ is not below the gains (or motors elsewhere than on q lose their grip)",
@@ -53,7 +54,7 @@ _FAILED = {
     "depth": "‖∂g/∂q‖ could not be bounded below k on cells around q_d as small as allowed",
     "interrupted": "the work was interrupted before ‖∂g/∂q‖ was bounded below k around q_d",
 }
-_CLEAR = 1e-9
+_CLEAR = 1e-9  # of the gain: refuted by more than rounding
 
 
 @dataclass(frozen=True, eq=False)

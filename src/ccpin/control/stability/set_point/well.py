@@ -19,8 +19,9 @@ from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
-_ROUNDING = 1e-12
-_SWEEPS, _SETTLED = 200, 1e-4
+_ROUNDING = 1e-12  # of the terms' sizes and of singular values: covers their rounding in doubles
+_SWEEPS = 200  # over all coordinates, at most
+_SETTLED = 1e-4  # of an edge: a sweep in which none moves more is the last
 
 
 class Range(NamedTuple):
@@ -136,7 +137,7 @@ def _efforts(law: PDSimpleGravity, slopes: Array, turning: Array) -> Array:
 
 # U and ‖∂g/∂q‖ on a grid over a region: estimates, where nothing is proved.
 
-_POINTS = 2500
+_POINTS = 2500  # of a grid, about; a choice: it is looked at, nothing is proved by it
 
 
 class RegionSamples(NamedTuple):

@@ -17,8 +17,8 @@ from ccpin.errors import ConvergenceError
 from ccpin.proof.balls import Affine, affine, product
 from ccpin.proof.rounding import SLACK
 
-_TOGETHER = 8
-_MOST = 60
+_TOGETHER = 8  # cells at a time: bounds memory
+_MOST = 60  # Newton steps a sample; a σ that needs more is refused
 
 
 class OnlineDemand(NamedTuple):

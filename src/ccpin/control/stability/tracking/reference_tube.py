@@ -37,8 +37,8 @@ from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, solve_in_boxes
 from ccpin.proof.rounding import SLACK
 
-_REST = 1.0
-_WIDEN = 1e-13
+_REST = 1.0  # s, of the rest after the reference's end
+_WIDEN = 1e-13  # relative: covers the rounding of half widths and centres
 _SAME = 1e-9  # relative: what tells two motions from one motion's rounding
 
 
@@ -93,11 +93,11 @@ class ReferenceTube(NamedTuple):
         """The cells with |e| ≤ `room`, |ė| ≤ `speed_room` (K, n), and on which of them σ is proved, of shape (K,)."""
         system, chord = self.problem.system, self.motion[0]
         count, n = room.shape
-        across = np.concatenate(
+        directions = np.concatenate(
             [0.5 * (chord.end - chord.start)[:, :, None], np.tile(np.eye(n), (count, 1, 1))], axis=2
         )
         half = np.concatenate([np.ones((count, 1)), (room + chord.deviation) * (1.0 + _WIDEN)], axis=1)
-        tried = certify_boxes(self.problem, self.centre, half, across)
+        tried = certify_boxes(self.problem, self.centre, half, directions)
         proved, boxes = tried.proved.copy(), tried.boxes
         rows = np.flatnonzero(proved)
         if rows.size:
@@ -105,7 +105,7 @@ class ReferenceTube(NamedTuple):
             middle = np.zeros((len(rows), 1 + n))
             proved[rows] = glued(self.problem, inside.take(rows), delta[rows], boxes.take(rows), middle)
         lin = np.zeros((1 + 2 * n, count, system.n_free))
-        lin[0], across = boxes.directions[:, :, 0], boxes.directions[:, :, 1:]
+        lin[0], across = boxes.directions[:, :, 0], boxes.directions[:, :, 1:]  # along the chord, and off it
         lin[1 : n + 1] = np.moveaxis(-across * room[:, None], 2, 0)
         rad = np.einsum("kpi,ki->kp", np.abs(across), chord.deviation) + _WIDEN * (1.0 + np.abs(self.centre))
         rad[:, system.dependent] += np.einsum("kij,kj->ki", np.abs(boxes.modes), boxes.radius)

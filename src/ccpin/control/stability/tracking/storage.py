@@ -16,10 +16,10 @@ from ccpin.control.tracking import TrackingLaw
 from ccpin.proof.balls import Affine, affine, joined
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 
-_DECAYS = np.geomspace(0.02, 0.98, 40)
-_CROSS = np.geomspace(0.01, 0.9, 24)
-_KEPT = 0.98
-_CLEAR = 1e-9
+_DECAYS = np.geomspace(0.02, 0.98, 40)  # of the largest α there can be: those tried
+_CROSS = np.geomspace(0.01, 0.9, 24)  # of λ_min(K_v)/λ_max(D): the cross terms c tried
+_KEPT = 0.98  # of the α a P was made for: leaves W − αP definite with room
+_CLEAR = 1e-9  # relative: covers the rounding of eigenvalues and of lower bounds
 _DEFINITE = 1e-7  # of matrices with a diagonal of ones: a million times what eigenvalues are computed to
 
 

@@ -24,7 +24,10 @@ from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.assumptions import limits_left_out, without_dry_friction
 from ccpin.proof.verdict import Verdict
 
-_LEAST, _MIDDLE, _STRIDE, _NEAR = 1e-9, 1e-3, 4.0, 1.1
+_LEAST = 1e-9  # ε, the smallest tried
+_MIDDLE = 1e-3  # ε, the one tried first
+_STRIDE = 4.0  # from one ε to the next, until one is proved and one is not
+_NEAR = 1.1  # of the largest ε proved: one not proved that ends the search
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,10 +18,11 @@ from ccpin.control.tracking import TrackingLaw
 from ccpin.proof.rounding import SLACK
 from ccpin.proof.verdict import Verdict
 
-_ROUNDS = 10
-_FIRST, _MORE = 2.2, 1.3
-_ROOM = 1.0 + 1e-6
-_PLANNED = 48
+_ROUNDS = 10  # wider tubes tried, before the bound is left undecided
+_FIRST = 2.2  # times what the cells' middles ask for: the first tube
+_MORE = 1.3  # times what was needed: the next tube
+_ROOM = 1.0 + 1e-6  # what comes out must be less than what went in by more than rounding
+_PLANNED = 48  # cells at whose middles plans are compared, at most: a plan is a choice, its proof is over all
 
 
 class TubeBounds(NamedTuple):
