@@ -210,8 +210,8 @@ def _begins_in(inner: TubeEquations, outer: TubeEquations, turning: list[bool], 
 
 def _place_of(inner: TubeEquations, s: float, outer: TubeEquations, turning: list[bool]) -> arb | None:
     """Where the zero of a tube at s lies in another; ``None`` where that is not proved."""
-    guess = np.concatenate([inner.tube.theta, inner.tube.kernel]) + s * inner.tube.tangent
-    found = near(inner.system, inner.others, guess)
+    on_line = np.concatenate([inner.tube.theta, inner.tube.kernel]) + s * inner.tube.tangent
+    found = near(inner.system, inner.others, on_line)
     if found is None:
         return None
     zero, radius = found
