@@ -122,7 +122,7 @@ def test_it_is_drawn(name, tmp_path):
     assert (tmp_path / "motion.html").stat().st_size > 1e5
 
 
-@every_one
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "rssr")) for name in NAMES])
 def test_the_command_line_does_it_all(name, tmp_path, capsys):
     """info, modes, domain, simulate with gains of its own, and convert, with the file alone."""
     path, (_, goal) = str(file(name)), start_and_goal(name)

@@ -144,6 +144,7 @@ def test_counts_of_cells_that_have_other_numbers_are_found(sheets, tmp_path, mon
     assert not any(look.proved(int(k)) for k in np.flatnonzero(np.isin(read.empty.number, two)))
 
 
+@pytest.mark.slow
 def test_workers_count_the_same(sheets):
     alone, shared = (verify(sheets[1], sample=1, workers=workers).claims for workers in (1, 2))
     assert alone == shared

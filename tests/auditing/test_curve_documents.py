@@ -259,6 +259,7 @@ def test_documents_out_of_shape_are_refused(region, tmp_path, name):
         verify(changed(region[1], tmp_path, shorter))
 
 
+@pytest.mark.slow
 def test_workers_say_the_same(region):
     """Two processes find what one does."""
     assert verify(region[1], sample=2, workers=2).claims == verify(region[1], sample=2).claims

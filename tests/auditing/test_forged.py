@@ -387,6 +387,7 @@ def test_no_forged_document_is_accepted_that_is_false():
     assert not false
 
 
+@pytest.mark.slow
 def test_changed_documents_of_every_kind_are_accepted_only_where_they_are_true():
     """A few of what the campaign makes."""
     happened, false, _ = campaign(12, seed=3)

@@ -2,13 +2,14 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from ccpin.cli import main
 from ccpin.description.finding import find_file
-from ccpin.domain import Atlas, SheetAtlas, SingularCover, certified_radius
+from ccpin.domain import Atlas, SheetAtlas, SingularCover, certified_radius, singularities
 from ccpin.domain.singular.curves import UncoveredBoxes
 
 CENTRE = ["--centre-deg", "-108", "-72"]
@@ -27,8 +28,9 @@ def test_radii_in_words_and_json(capsys):
     assert facts["atlas"]["single_valued"]
 
 
-def test_a_region_with_its_files(tmp_path, capsys):
+def test_a_region_with_its_files(tmp_path, capsys, monkeypatch):
     """The region used for control is certified whole; atlas and figures are written and can be used."""
+    monkeypatch.setattr("ccpin.domain.singularities", partial(singularities, starts=10))
     out = [*REGION, "--centre-deg", "-120", "-130", "--save", str(tmp_path / "atlas.npz"), "--plot", str(tmp_path)]
     assert main(["domain", "rpdr", *out, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
@@ -90,6 +92,7 @@ def test_workers_give_the_same_atlas(tmp_path, capsys):
     assert "argument --workers: must be a whole number, 1 or more" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_gives_the_same_atlas(tmp_path, capsys):
     """With --scheduler and two worker processes the boxes are those of this process, bit for bit."""
     distributed = pytest.importorskip("distributed")

@@ -43,7 +43,7 @@ class Pressed:
             press()
 
 
-@pytest.mark.parametrize("at", [2, 9])
+@pytest.mark.parametrize("at", [pytest.param(2, marks=pytest.mark.slow), 9])
 def test_an_interrupted_search_for_sheets_goes_on(rpdr, at):
     """It kept nothing; it keeps its cells now, and goes on from them to the same counts."""
     whole = certify_sheets(rpdr, TORUS, max_depth=5)

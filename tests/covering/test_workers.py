@@ -122,7 +122,7 @@ atlas.save(sys.argv[2])
 """
 
 
-@pytest.mark.parametrize("when", ["len(waves) == 3", "progress.boxes > 300"])
+@pytest.mark.parametrize("when", ["len(waves) == 3", pytest.param("progress.boxes > 300", marks=pytest.mark.slow)])
 def test_ctrl_c_and_kill(rpdr, torus, tmp_path, when):
     """Ctrl-C in the search or among the boxes keeps what is proved; after a kill the chunks are found again."""
     chunks, saved = tmp_path / "chunks", tmp_path / "sheets.npz"

@@ -129,13 +129,13 @@ def campaign(kind, numbers, folder):
 @pytest.mark.parametrize("kind", sorted(TEXTS))
 def test_what_is_altered_is_told(kind, tmp_path):
     """Elements and attributes renamed, removed, doubled; values swapped for 1e±300, NaN, nothing."""
-    assert not campaign(kind, range(40), tmp_path / kind)[0]
+    assert not campaign(kind, range(25), tmp_path / kind)[0]
 
 
-@pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", sorted(TEXTS))
 def test_any_number_may_be_beyond_measure(kind, every, tmp_path):
-    """Each number of each file, or each third, as 1e300 or −1e300: an error of ours or none, and no warning."""
+    """Each number of each file, or each fifth, as 1e300 or −1e300: an error of ours or none, and no warning."""
     (tmp_path / "robot.yaml").write_text(TOOLBOX_YAML)
     for name, text in TEXTS[kind].items():
         file = tmp_path / f"{name}{SUFFIX[kind]}"
@@ -151,6 +151,6 @@ def test_any_number_may_be_beyond_measure(kind, every, tmp_path):
 @pytest.mark.parametrize("kind", sorted(TEXTS))
 def test_thousands_of_alterations(kind, tmp_path):
     most = int(os.environ.get("CCPIN_FUZZ", "2000"))
-    found, counts = campaign(kind, range(40, most), tmp_path / kind)
+    found, counts = campaign(kind, range(25, most), tmp_path / kind)
     sys.stdout.write(f"\n{kind}: {dict(counts)}\n")
     assert not found, "\n".join(found[:40])

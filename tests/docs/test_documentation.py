@@ -27,7 +27,7 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
         table.update(entries)
 
 
-LONG = {"README.md", "docs/pictures.md"} | {
+LONG = {"README.md", "docs/pictures.md", "docs/tutorial.md"} | {
     f"docs/howto/{name}.md" for name in ("assembly_modes", "cluster", "tracking", "workspace")
 }
 

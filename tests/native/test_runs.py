@@ -77,7 +77,12 @@ def sprung_model():
 
 @pytest.mark.parametrize("kind", ["free", "simple", "full", "computed torque", "PD+", "gravity"])
 @pytest.mark.parametrize(
-    ("subject", "method"), [("rpdr_model", "RK45"), ("rpdr_model", "DOP853"), ("sprung_model", "DOP853")]
+    ("subject", "method"),
+    [
+        pytest.param("rpdr_model", "RK45", marks=pytest.mark.slow),  # beside `test_the_papers_law_step_for_step`
+        ("rpdr_model", "DOP853"),
+        ("sprung_model", "DOP853"),
+    ],
 )
 def test_laws(subject, kind, method, request):
     """Every law of the core against the reference's, to the integrator's tolerance."""

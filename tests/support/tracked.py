@@ -16,7 +16,7 @@ GAINS = {
     ("delta", PDPlus): (300.0, 25.0),
 }
 LAWS = (ComputedTorque, PDPlus)
-RUN = {"duration": 0.45, "rtol": 1e-5, "atol": 1e-10, "sample_period": 2e-3}
+RUN = {"duration": 0.45, "rtol": 1e-5, "atol": 1e-10, "sample_period": 4e-3}
 
 
 @lru_cache

@@ -16,7 +16,7 @@ from ccpin.studio import studio
 from tests.support.browser import opened, press, settle
 from tests.support.pages import five_bar, five_bar_swing
 
-SECONDS = float(os.environ.get("CCPIN_STILL", "1.5"))
+SECONDS = float(os.environ.get("CCPIN_STILL", "0.8"))
 KINDS = ("a pose", "a motion paused", "a report", "a live viewer", "the studio")
 ASKED = """(inner => { inner.asked = 0; const real = inner.requestAnimationFrame.bind(inner);
   inner.requestAnimationFrame = work => { inner.asked += 1; return real(work); }; })"""

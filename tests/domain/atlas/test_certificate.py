@@ -31,7 +31,7 @@ def centre_of(rpdr, degrees, mode=1.0):
     return np.array([q1, q3, q2, q4])
 
 
-def assert_bounds_hold(problem, theta, trials=300):
+def assert_bounds_hold(problem, theta, trials=150):
     """Y, Z̄R, Zw and the curvature are not exceeded in boxes of many sizes about θ, and Y is not idle."""
     system, rng = problem.system, np.random.default_rng(1)
     n, m, count = system.n, system.m, 8

@@ -44,7 +44,7 @@ def test_a_rotor_turns_farther_than_the_mechanism_is_long(ratio):
         assert curves.verdict == "proven"
 
 
-@pytest.mark.parametrize("turns", [1.0, 2.5])
+@pytest.mark.parametrize("turns", [1.0, pytest.param(2.5, marks=pytest.mark.slow)])
 def test_configurations_a_turn_apart_are_others_for_a_rotor(turns):
     """Over a region of several turns of a coupled joint every turn is counted by itself."""
     geared = five_bar_with_rotor(BAR, 5.0)

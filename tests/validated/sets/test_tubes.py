@@ -100,7 +100,7 @@ def test_what_is_not_a_motion_from_the_set_is_outside(short, rpdr_model):
     assert not short.contains(0.02, sample.q[-1], sample.v[-1])
 
 
-@pytest.mark.parametrize("name", ["four_bar", "slider_crank"])
+@pytest.mark.parametrize("name", [pytest.param("four_bar", marks=pytest.mark.slow), "slider_crank"])
 def test_stiff_loops_in_lohners_frames(name):
     """A light mechanism under strong damping: rates a hundred times the motion's own, turned to Lohner's frames."""
     model = ccpin.ReducedModel(ccpin.load(name))

@@ -82,7 +82,7 @@ def test_delta(law_class):
 
 
 @pytest.mark.parametrize(
-    "name", ["gripper", "slider_crank", "four_bar", pytest.param("planar_3rrr", marks=pytest.mark.slow)]
+    "name", ["gripper", "slider_crank", *(pytest.param(n, marks=pytest.mark.slow) for n in ("four_bar", "planar_3rrr"))]
 )
 def test_other_mechanisms(name):
     """Couplings alone, sliding joints, one coordinate and three: the push that does most, and one at random."""
