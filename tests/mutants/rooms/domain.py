@@ -31,7 +31,10 @@ ROOMS: tuple[Room, ...] = (
             f"{_GRAVITY}::test_the_bounds_are_attained_by_a_lone_arm",
             f"{_GRAVITY}::test_norm_bounds_the_variation",
         ),
-        (("if number == 0 or inertia.mass", "not asked: inertia.mass", "what has no mass weighs nothing"),),
+        (
+            ("if number == 0 or inertia.mass", "not asked: inertia.mass", "what has no mass weighs nothing"),
+            ("if number == 0 or inertia.mass", "not asked: number == 0", "the tree keeps no mass of its base"),
+        ),
     ),
     Room(
         "control/stability/tracking/motion_bounds",
@@ -70,6 +73,7 @@ ROOMS: tuple[Room, ...] = (
         ),
         (
             ("if inertia.mass and path", "not asked: inertia.mass", "a tip of no mass weighs nothing"),
+            ("if inertia.mass and path", "not asked: path", "the tree keeps no mass of its base"),
             ("if np.any(inertia.inertia)", "not asked: np.any(inertia", "directions of no moments weigh nothing"),
         ),
     ),
