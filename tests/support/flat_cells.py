@@ -1,9 +1,11 @@
 """Cells over which everything is known: σ is flat, and U = ½ qᵀHq exactly, with ‖∂g/∂q‖ and what is proved by rules."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 
+import ccpin
 from ccpin.control.stability.set_point import certified_cells
 from ccpin.control.stability.set_point.certified_cells import CellStore
 from ccpin.control.stability.set_point.well import Well
@@ -83,3 +85,11 @@ class Flat:
 
     def _verify(self, problem, boxes):
         return np.zeros(len(boxes.kappa), dtype=bool)
+
+
+def heavy_based():
+    """The RPDR on a base that has mass."""
+    described = ccpin.load("rpdr").description
+    mass = next(link.inertia for link in described.links if link.inertia is not None and link.name != described.root)
+    links = [replace(link, inertia=mass) if link.name == described.root else link for link in described.links]
+    return ccpin.load(replace(described, links=tuple(links)))

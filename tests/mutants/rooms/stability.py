@@ -129,7 +129,10 @@ ROOMS: tuple[Room, ...] = (
         "control/stability/set_point/well",
         ("_ROUNDING", "Well.range_over", "Well.quadratic", "Well._descend", "wells", "_efforts"),
         _WELLS,
-        (("if np.all(np.abs(point - before)", "", "when a search ends: its point, wherever, gives a bound"),),
+        tuple(
+            (line, "", "when a search ends: its point, wherever, gives a bound")
+            for line in ("if np.all(np.abs(point - before)", "for _ in range(_SWEEPS if")
+        ),
     ),
     Room(
         "control/stability/set_point/gains",

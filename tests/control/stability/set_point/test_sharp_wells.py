@@ -43,6 +43,8 @@ def test_minima_inside_and_on_the_edge_of_convex_wells():
         assert found.lower == pytest.approx(least - 0.25, abs=1e-12)
         assert found.upper == pytest.approx(least + 0.25, abs=1e-12)
         np.testing.assert_allclose(found.point, point)
+    flat = well(np.zeros((2, 2)), gradient=(1.0, 0.0)).range_over(corner((0, -2)), corner((2, 0)))
+    assert (flat.lower, flat.upper) == (1.0, 1.0)
     mixed = well([[2.0, 1.0], [1.0, 2.0]], gradient=(0.3, -0.4))
     assert mixed.quadratic(np.array([0.5, -0.25])) == pytest.approx(2.0 + 0.15 + 0.1 + 0.25 + 0.0625 - 0.125)
     exact = 2.0 - 0.5 * np.array([0.3, -0.4]) @ np.linalg.solve([[2.0, 1.0], [1.0, 2.0]], [0.3, -0.4])

@@ -1,11 +1,19 @@
 """Bodies as tips: which of them there are, and what their weights may be off by."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import ccpin
 from ccpin.control.stability.tracking.masses import masses_of
+from ccpin.control.stability.tracking.motion_bounds import _placed
 from ccpin.domain.closures.system import reading_of
+from ccpin.proof.balls import Affine
+from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
+from tests.control.stability.tracking import test_motion_bounds
+from tests.support.flat_cells import heavy_based
+from tests.support.strategies import Growth
 
 
 def masses(name, **options):
@@ -43,3 +51,46 @@ def test_what_only_slides_has_no_moments():
     told = sum(len(bodies.weights.mid) for bodies in found.bodies)
     assert np.any(tree.inertias[3].inertia)
     assert told == sum(bool(i.mass) for i in list(tree.inertias)[1:]) + 3 * sum(turned)
+
+
+def test_the_base_has_no_tips():
+    """Nor gravity of its own: the free system is the same."""
+    found = []
+    for mechanism in (ccpin.load("rpdr"), heavy_based()):
+        reading = reading_of(mechanism, mechanism.q_reference)
+        found.append([b.weights.mid.tolist() for b in masses_of(mechanism, reading, np.array([0.0, 0.0, -9.8])).bodies])
+    assert found[0] == found[1]
+
+
+def test_slides_on_bodies_that_turn(monkeypatch):
+    """D, C and ∂τ/∂y where slides are carried round: of State, at one configuration."""
+    growth = Growth(np.random.default_rng(7), True)
+    growth.close("revolute", growth.grow("base", ["revolute", "prismatic"]), growth.grow("base", ["revolute"]))
+    model = ccpin.ReducedModel(ccpin.load(growth.drawn().description))
+    monkeypatch.setattr(test_motion_bounds, "_model", lambda name: model)
+    test_motion_bounds.test_at_one_configuration_they_are_the_model("grown")
+
+
+@pytest.mark.parametrize("rank", [1, 2])
+def test_sums_over_chains_in_their_places(rank):
+    """What chains share adds up, radii too, and 4u(C + 1) of all that is added."""
+    rng = np.random.default_rng(2)
+    joints = np.array([[0, 2], [2, 3], [1, 2]])  # of three coordinates; 3 is padded
+    stack = SimpleNamespace(joints=joints, placement=np.zeros((6, 3)))
+    shape = (2, 3, *[2] * rank)
+    local = Affine(rng.normal(size=shape), rng.normal(size=(2, *shape)), rng.uniform(0, 1e-15, shape), 1)
+    found = _placed(stack, local, rank)
+    mid, rad, size = (np.zeros((2, *[4] * rank)) for _ in range(3))
+    lin = np.zeros((2, *mid.shape))
+    for c in range(3):
+        for at in np.ndindex(*[2] * rank):
+            place, here = (..., *joints[c][list(at)]), (slice(None), c, *at)
+            mid[place] += local.mid[here]
+            lin[place] += local.lin[(slice(None), *here)]
+            rad[place] += local.rad[here]
+            size[place] += np.abs(local.mid[here]) + np.abs(local.lin[(slice(None), *here)]).sum(axis=0)
+    inner = (..., *[slice(3)] * rank)
+    np.testing.assert_allclose(found.mid, mid[inner], rtol=1e-14)
+    np.testing.assert_allclose(found.lin, lin[inner], rtol=1e-14)
+    exact = rad + 16 * UNIT_ROUNDOFF * size
+    np.testing.assert_allclose(found.rad, exact[inner] * SLACK, rtol=1e-12, atol=0)
