@@ -291,15 +291,16 @@ def test_a_law_that_fails_at_once_raises(rpdr_model):
 
 
 TOLERANCES = ({}, {"rtol": 1e-12, "atol": 1e-13}, {"rtol": 1e-6, "atol": 1e-8})
-MANY_STEPS = [("RK23", TOLERANCES[1]), ("Radau", TOLERANCES[1])]
+STEPS = {"RK23": [same_on_both, pytest.mark.slow, None], "Radau": [same_on_both, pytest.mark.slow, None]}  # many
 
 
 @pytest.mark.parametrize(
     ("method", "options"),
     [
-        pytest.param(method, options, marks=[pytest.mark.slow] * ((method, options) in MANY_STEPS))
-        for options in TOLERANCES
+        pytest.param(method, options, marks=[mark] * (mark is not None))
+        for k, options in enumerate(TOLERANCES)
         for method in ("RK45", "DOP853", "RK23", "Radau")
+        for mark in [STEPS.get(method, 3 * [None])[k]]
     ],
 )
 def test_a_singularity_is_one_for_every_integrator(rpdr_model, method, options):
