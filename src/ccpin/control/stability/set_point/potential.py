@@ -1,28 +1,7 @@
-"""Rigorous bounds of the potential V∘σ and of its Hessian ∂g/∂q over certified boxes.
+"""Rigorous bounds of the potential V∘σ and of its Hessian ∂g/∂q over certified boxes: Lemma H.
 
-Setting: a box of `boxes`, θ = θ_c + Dδ + Eζ with |δ| ≤ h, and its solution ζ*(δ), |ζ*| ≤ R, of f = Ãφ = 0. For any
-constant row μ the Lagrangian
-
-    L(θ) = V′(θ) + μ f(θ)        has        L(θ_c + Dδ + Eζ*(δ)) = V(σ(q_c + δ)),
-
-so V∘σ is expanded without derivatives of σ. With W = |D|h + |E|R and Δ_L ≥ |L_θθ(θ) − L_θθ(θ_c)| entrywise on the tube
-(the third derivatives' bound of `bounds` contracted with W once), Taylor's formula gives
-
-    |V(σ(q_c + δ)) − L_c − (L_θD)δ − ½ δᵀHδ| ≤ |L_θE|R + hᵀ|DᵀL_θθE|R + ½Rᵀ|EᵀL_θθE|R + ⅙ WᵀΔ_L W,   H = DᵀL_θθD,
-
-everything on the right at the centre. μ = −V′_θE there makes L_θE nearly zero (as f_ζ ≈ I), and R is of order h²: the
-remainder is of order h³.
-
-Hessian. σ's slope is ρ = D + Eη, f_ζη = −f_δ, its curvature Eζ″ with f_ζζ″_kl = −f_θθ(ρ_k, ρ_l). Twice differentiated,
-
-    ∂g/∂q_kl = ρ_kᵀ L_θθ ρ_l + L_ζ ζ″_kl.
-
-(N2), |I − f_ζ| w ≤ κw on the tube, gives y = |f_ζ⁻¹x| ≤ max_i(|x_i|/w_i)/(1 − κ) · w, which y ≤ |x| + Z y with a bound
-Z ≥ |I − f_ζ| then sharpens. Here f_δ, L_ζ and L_θθ − L_θθ(θ_c) are of order h, so ∂g/∂q − H is too, with the bound
-that `_variation` assembles term by term.
-
-Rounding. As in `bounds`: every entry of V′, φ and their derivatives is off by at most its γ · magnitude, carried
-through μ and Ã; errors of the bounds' own arithmetic on nonnegative terms are covered by a factor 1 + 1e-10.
+`ccpin/proof/theorems/gravity.md` states and proves it; its names L, μ, W, Δ_L and η are used here, and `_variation`
+assembles its bound of |∂g/∂q − H| term by term.
 """
 
 from __future__ import annotations
