@@ -37,6 +37,16 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
+        "domain/paths/pieces",
+        ("_CONTINUOUS", "pieces_of", "_increasing", "_polynomials", "chords_of", "_bernstein", "_to_bernstein"),
+        ("domain/paths/test_sharp_pieces.py",),
+        (
+            ('raise InvalidInputError(f"the path', "", "words"),
+            ('f"(degree + 1, {len(knots)', "", "words"),
+            ("deviation = away.max(axis=0)", "4 × ", "more than the roundings of the sum above it"),
+        ),
+    ),
+    Room(
         "control/stability/tracking/motion_bounds",
         (
             "_Tips.third_along",
