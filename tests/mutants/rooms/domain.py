@@ -42,6 +42,7 @@ ROOMS: tuple[Room, ...] = (
         ("domain/paths/test_sharp_pieces.py",),
         (
             ('raise InvalidInputError(f"the path', "", "words"),
+            ("if coefficients.ndim != 3 or", "not asked: coefficients.ndim", "the shape asked for next has three axes"),
             ('f"(degree + 1, {len(knots)', "", "words"),
             ("deviation = away.max(axis=0)", "4 × ", "more than the roundings of the sum above it"),
         ),
