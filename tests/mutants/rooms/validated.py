@@ -248,7 +248,10 @@ ROOMS: tuple[Room, ...] = (
         "validated/sets/move",
         ("certify_move", "_of_a_set", "_run", "_level"),
         _MOTIONS,
-        (("assert not isinstance(arrival", "", "what holds of any that is told apart before"),),
+        (
+            ("assert not isinstance(arrival", "", "what holds of any that is told apart before"),
+            ("< 0.0 and never", "0 let in", "`upper` is above what it bounds"),
+        ),
     ),
     Room(
         "validated/flow/enclosure",
