@@ -67,9 +67,8 @@ def chords_of(pieces: Polynomials, knots: Array) -> Chord:
     first, last = bernstein[0], bernstein[-1]
     along = np.linspace(0.0, 1.0, len(bernstein))[:, None, None]
     line = first + along * (last - first)
-    straight = (
-        8.0 * UNIT_ROUNDOFF * (np.abs(first) + np.abs(last))
-    )  # of `line`, and of a chord's middle and half as doubles
+    ends = np.abs(first) + np.abs(last)
+    straight = 8.0 * UNIT_ROUNDOFF * ends  # of `line`, and of a chord's middle and half as doubles
     away = np.abs(bernstein - line) + rounding
     deviation = away.max(axis=0) * (1.0 + 4.0 * UNIT_ROUNDOFF) + straight
     return Chord(first, last, deviation, np.stack([rounding[0], rounding[-1]], axis=1))

@@ -8,8 +8,9 @@ import pytest
 from scipy.interpolate import BSpline, PPoly
 
 from ccpin.domain.paths import pieces as module
-from ccpin.domain.paths.pieces import _bernstein, chords_of, pieces_of, points_of
+from ccpin.domain.paths.pieces import pieces_of
 from ccpin.errors import InvalidInputError
+from ccpin.proof.chords import _bernstein, chords_of, points_of
 
 U = Fraction(1, 2**53)
 

@@ -38,14 +38,19 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "domain/paths/pieces",
-        ("_CONTINUOUS", "pieces_of", "_increasing", "_polynomials", "chords_of", "_bernstein", "_to_bernstein"),
+        ("_CONTINUOUS", "pieces_of", "_increasing", "_polynomials"),
         ("domain/paths/test_sharp_pieces.py",),
         (
             ('raise InvalidInputError(f"the path', "", "words"),
             ("if coefficients.ndim != 3 or", "not asked: coefficients.ndim", "the shape asked for next has three axes"),
             ('f"(degree + 1, {len(knots)', "", "words"),
-            ("deviation = away.max(axis=0)", "4 × ", "more than the roundings of the sum above it"),
         ),
+    ),
+    Room(
+        "proof/chords",
+        ("chords_of", "_bernstein", "_to_bernstein"),
+        ("domain/paths/test_sharp_pieces.py",),
+        (("deviation = away.max(axis=0)", "4 × ", "more than the roundings of the sum above it"),),
     ),
     Room(
         "control/stability/tracking/motion_bounds",

@@ -6,12 +6,10 @@ import pytest
 import ccpin
 from ccpin.control.stability.tracking.masses import masses_of
 from ccpin.control.stability.tracking.motion_bounds import Motion, Reduced
-from ccpin.domain.closures.system import reading_of
-from ccpin.dynamics.state import State
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.proof.balls import Affine, affine
-from tests.oracles.finite_differences import derivative
+from ccpin.proof.balls import Affine
 from tests.support.ball_joint import ball_joint
+from tests.support.open_configurations import Case, assert_bounds_are_the_model
 
 NAMES = ("rpdr", "delta", "slider_crank", "four_bar", "hexa", "sprung")
 
@@ -25,60 +23,16 @@ def _model(name):
     return ccpin.ReducedModel(ccpin.load("four_bar", joints=joints), gravity=(0.3, 0.1, -1.62))
 
 
-class Case:
-    """A model at an open configuration near its reference, and a random motion."""
-
-    def __init__(self, name, seed=0):
-        rng = np.random.default_rng(seed)
-        self.model = _model(name)
-        mechanism = self.model.mechanism
-        self.reading = reading_of(mechanism, mechanism.q_reference)
-        self.system, self.problem = self.reading.system, self.reading.problem
-        self.masses = masses_of(mechanism, self.reading, self.model.gravity_vector)
-        self.theta = self.reading.theta(mechanism.q_reference)
-        self.theta[self.system.dependent] += 0.02 * rng.normal(size=self.system.m)
-        self.v, self.w, self.a = rng.normal(size=(3, self.model.n))
-
-    def state(self, theta):
-        """ccpin's own State at a θ that is not closed."""
-        q_free = self.reading.configuration(theta)
-        return State.of(self.model, self.model.alpha(q_free), self.model.parametrization.at(q_free))
-
-    def tau(self, theta, v, w, a):
-        """D a + C(v) w + damping w + g of that State."""
-        state = self.state(theta)
-        return state.D @ a + (state.C(v) + state.damping) @ w + state.g
-
-    def slope(self, theta, v, w, a):
-        """Its derivative by the dependent coordinates, by differences."""
-        steps = np.eye(len(theta))[self.system.dependent]
-        return np.array([derivative(lambda s, d=d: self.tau(theta + s * d, v, w, a)) for d in steps]).T
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_at_one_configuration_they_are_the_model(name):
-    """D, C and damping of a State off the closed set, and the differences of its τ: also where v, w and a are apart."""
-    case = Case(name)
-    state, at = case.state(case.theta), Reduced(case.problem, case.masses, affine(case.theta[None]))
-    pairs = [
-        (at.inertia, state.D),
-        (at.coriolis(affine(case.v[None])), state.C(case.v)),
-        (at.damping, state.damping),
-        (at.rho, case.state(case.theta).rho),
-    ]
-    for found, expected in pairs:
-        scale = np.abs(expected).max()
-        np.testing.assert_allclose(found.mid[0], expected, rtol=0, atol=1e-12 * (1.0 + scale))
-        assert found.rad.max() < 1e-9 * (1.0 + scale)
-    slope = at.force_slope(Motion(*(affine(x[None]) for x in (case.v, case.w, case.a))))
-    expected = case.slope(case.theta, case.v, case.w, case.a)
-    np.testing.assert_allclose(slope.mid[0], expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+    """As `assert_bounds_are_the_model` says."""
+    assert_bounds_are_the_model(_model(name))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_over_sets_they_hold_their_members(name):
     """Random members of θ and of the motion, corners among them, that share their parameters."""
-    case, rng, size = Case(name), np.random.default_rng(3), 2e-3
+    case, rng, size = Case(_model(name)), np.random.default_rng(3), 2e-3
     n, n_free = case.model.n, case.system.n_free
     names = ("v", "w", "a")
     forms = {"theta": Affine(case.theta[None], size * rng.normal(size=(3, 1, n_free)), np.full((1, n_free), 1e-4), 1)}
@@ -106,7 +60,7 @@ def test_over_sets_they_hold_their_members(name):
 
 def test_a_set_with_a_singular_configuration_is_not_bounded():
     """The RPDR's set of all elbow angles has singular ones: NaN, never a number."""
-    case = Case("rpdr")
+    case = Case(_model("rpdr"))
     wide = Affine(case.theta[None], np.zeros((0, 1, 4)), np.full((1, 4), 2.0))
     assert not Reduced(case.problem, case.masses, wide).grip.regular.any()
     assert np.isnan(Reduced(case.problem, case.masses, wide).inertia.rad).all()
@@ -115,6 +69,6 @@ def test_a_set_with_a_singular_configuration_is_not_bounded():
 def test_joints_of_several_freedoms_are_refused():
     """A ball joint's error has no size without a chart."""
     model = ball_joint()
-    case = Case("rpdr")
+    case = Case(_model("rpdr"))
     with pytest.raises(UnsupportedMechanismError, match="several freedoms"):
         masses_of(model.mechanism, case.reading, model.gravity_vector)

@@ -11,8 +11,8 @@ from ccpin.control.stability.tracking.motion_bounds import _placed
 from ccpin.domain.closures.system import reading_of
 from ccpin.proof.balls import Affine
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
-from tests.control.stability.tracking import test_motion_bounds
 from tests.support.flat_cells import heavy_based
+from tests.support.open_configurations import assert_bounds_are_the_model
 from tests.support.strategies import Growth
 
 
@@ -62,13 +62,12 @@ def test_the_base_has_no_tips():
     assert found[0] == found[1]
 
 
-def test_slides_on_bodies_that_turn(monkeypatch):
+def test_slides_on_bodies_that_turn():
     """D, C and ∂τ/∂y where slides are carried round: of State, at one configuration."""
     growth = Growth(np.random.default_rng(7), True)
     growth.close("revolute", growth.grow("base", ["revolute", "prismatic"]), growth.grow("base", ["revolute"]))
     model = ccpin.ReducedModel(ccpin.load(growth.drawn().description))
-    monkeypatch.setattr(test_motion_bounds, "_model", lambda name: model)
-    test_motion_bounds.test_at_one_configuration_they_are_the_model("grown")
+    assert_bounds_are_the_model(model)
 
 
 @pytest.mark.parametrize("rank", [1, 2])
