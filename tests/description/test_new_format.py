@@ -1,4 +1,4 @@
-"""A new file format is a reader, a writer and one entry of a table, as docs/design.md has it."""
+"""A new file format is a reader, a writer and one entry of a table, as docs/contributing.md has it."""
 
 import re
 from pathlib import Path
@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.fixture
 def ring(monkeypatch):
     """The page's own code, run; the table is as it was afterwards."""
-    page = (ROOT / "docs/design.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/contributing.md").read_text(encoding="utf-8")
     (block,) = (block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "FORMATS[" in block)
     monkeypatch.setattr("ccpin.description.formats.FORMATS", table := dict(FORMATS))
     monkeypatch.setattr("ccpin.description.FORMATS", table)

@@ -44,9 +44,10 @@ class Flat:
         self.effort = effort or (lambda centre, half: np.inf)
         self.remainder = remainder or (lambda half: 0.0)
         self.asked, self.glued = [], []
-        for name in ("wells", "prove", "predict", "glued", "verify"):
+        for name in ("wells", "prove", "predict", "glued", "check"):
             monkeypatch.setattr(certified_cells, name, getattr(self, f"_{name}"))
-        monkeypatch.setattr(certified_cells, "gravity_bounds", lambda *_: None)
+        for name in ("gravity_bounds", "closures_of"):
+            monkeypatch.setattr(certified_cells, name, lambda *_: None)
 
     def store(self, lattice=None):
         n = len(self.hessian)
@@ -83,8 +84,8 @@ class Flat:
         n = len(self.hessian)
         return np.array([self.same(a[:n], b[:n]) for a, b in zip(first.centre, second.centre, strict=True)])
 
-    def _verify(self, problem, boxes):
-        return np.zeros(len(boxes.kappa), dtype=bool)
+    def _check(self, equations, boxes):
+        return SimpleNamespace(proved=np.zeros(len(boxes.kappa), dtype=bool))
 
 
 def heavy_based():

@@ -111,7 +111,7 @@ def test_rows_are_found_again(tmp_path):
 
 PROGRAM = """
 import sys
-from ccpin.simulation import sweep
+from ccpin import sweep
 from tests.support.sweep_tasks import slow
 if __name__ == "__main__":
     sweep(slow, [{"x": x, "folder": sys.argv[1]} for x in range(40)], path=sys.argv[2], workers=2, name="slow")

@@ -227,23 +227,24 @@ def test_turned_boxes_are_proved_and_glued_again(monkeypatch):
     atlas = atlas_of()
     turns = np.zeros((4, 4))
     turns[1, 2], turns[2, 2], turns[3, 2] = 1.0, -2.0, 1.0
-    told = SimpleNamespace(reached=[True, True, True, False], proved=[True, False], same=[True], verified=[], glued=[])
+    told = SimpleNamespace(reached=[True, True, True, False], proved=[True, False], same=[True], checked=[], glued=[])
     monkeypatch.setattr(module, "_turns", lambda *_: (turns, np.array(told.reached)))
 
-    def verify(problem, boxes):
-        told.verified.append(boxes.centre)
-        return np.array(told.proved)
+    def check(equations, boxes):
+        told.checked.append(boxes.centre)
+        return SimpleNamespace(proved=np.array(told.proved))
 
     def glued(problem, first, delta, second, other):
         told.glued.append((first.centre[:, :2] + delta, second.centre[:, :2] + other, first.centre, second.centre))
         return np.array(told.same, bool)
 
-    monkeypatch.setattr(module, "verify", verify)
+    monkeypatch.setattr(module, "closures_of", lambda problem: problem)
+    monkeypatch.setattr(module, "check", check)
     monkeypatch.setattr(module, "glued", glued)
     pairs = {(0, 1), (1, 2), (1, 3)}
     moved = atlas.boxes.centre + TURN * turns
     found = module._turned_to_the_law(atlas.problem, atlas, pairs, np.array([0]), None)
-    np.testing.assert_allclose(told.verified[0], moved[1:3])
+    np.testing.assert_allclose(told.checked[0], moved[1:3])
     assert found.kept.tolist() == [0, 1]
     np.testing.assert_allclose(found.boxes.centre, moved[:2])
     assert found.pairs == {(0, 1)}

@@ -9,8 +9,8 @@ from scipy.interpolate import PPoly
 from ccpin.control.references import PiecewisePolynomial, ReferenceState
 from ccpin.control.stability.tracking import reference_tube as module
 from ccpin.control.stability.tracking.reference_tube import ReferenceTube, _chord_form, _cut, _errors, _kicks, _pieces
-from ccpin.domain.paths.pieces import Chord
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.proof.chords import Chord
 from ccpin.proof.newton import Boxes
 from ccpin.proof.rounding import SLACK
 
