@@ -9,7 +9,7 @@ import ccpin
 from ccpin.control.stability.set_point import potential as module
 from ccpin.control.stability.set_point.potential import _expand, potential_of, potential_values
 from ccpin.domain.closures.system import reading_of
-from ccpin.proof.chains import derivatives
+from ccpin.proof.equations import derivatives
 from ccpin.proof.newton import Boxes
 from ccpin.proof.rounding import UNIT_ROUNDOFF, widened
 from tests.support.flat_cells import heavy_based
@@ -94,7 +94,7 @@ def test_expansions_about_centres_that_are_open(known):
     half = widened(theta[:, system.independent], boxes.half)
     moves = np.abs(directions[0]) @ half[0] + np.abs(modes) @ boxes.radius[0]
     np.testing.assert_allclose(found.moves[0], moves, rtol=1e-12)
-    at, phi = potential_values(potential, theta), derivatives(system, problem.stack, theta).phi[0]
+    at, phi = potential_values(potential, theta), derivatives(problem, theta).phi[0]
     mu = -modes.T @ at.gradient[0]
     assert found.value[0] == pytest.approx(at.value[0] + mu @ boxes.preconditioner[0] @ phi, rel=1e-12)
     assert abs(mu @ boxes.preconditioner[0] @ phi) > 1e-6
