@@ -15,12 +15,12 @@ import pytest
 
 import ccpin
 from ccpin import domain
-from ccpin.covering.region import WHOLE
 from ccpin.covering.runner import Runner, Work
 from ccpin.domain import certify, certify_sheets
 from ccpin.domain.closures.system import reading_of
 from ccpin.domain.singular import cover, following
 from ccpin.errors import DifferentSubjectsError, InvalidInputError
+from ccpin.proof.covers import WHOLE
 from ccpin.work import stoppable
 
 TORUS = (np.full(2, -np.pi), np.full(2, np.pi))

@@ -8,8 +8,9 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, joined
 from ccpin.covering.cells import CellTree
-from ccpin.covering.region import WHOLE, Region
+from ccpin.covering.region import Region
 from ccpin.native.certifier import compiled_core
+from ccpin.proof.covers import WHOLE
 
 
 class CellFaces(NamedTuple):

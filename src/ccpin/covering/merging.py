@@ -10,11 +10,13 @@ import numpy as np
 
 from ccpin.arrays import Indices
 from ccpin.covering.cells import CellTree
-from ccpin.covering.region import TURN, WHOLE, Integers, Region
+from ccpin.covering.region import Region
 from ccpin.errors import InvalidInputError
+from ccpin.proof.covers import WHOLE, Integers
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes
 from ccpin.proof.rounding import UNIT_ROUNDOFF
+from ccpin.proof.solutions import TURN
 
 _TURN = 1e-9
 _SPARE, _SPARE_ROUNDINGS = 8e-15, Fraction(19, 10)  # of the lemma of `ccpin.proof.rounding`

@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Mask, numbers
 from ccpin.errors import InvalidInputError
+from ccpin.proof.covers import WHOLE, Integers
 from ccpin.proof.rounding import product_of, sum_of
 
 Corners = Sequence[ArrayLike] | Array  # (lower, upper)
-Integers = NDArray[np.int64]
-LEVELS = 32
-WHOLE = 1 << LEVELS
-TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from ccpin.proof.newton import Boxes
 from ccpin.proof.rounding import LEAST, ROUNDINGS, UNIT_ROUNDOFF, product_of, sum_of
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of
 
-LEVELS = 32
+LEVELS = 32  # halvings of an edge of the region: its units are 2⁻³²
 WHOLE = 1 << LEVELS
 _NEARLY = 0.99  # of what boxes are widened by: the rest is for u² and the roundings here
 Integers = NDArray[np.int64]
@@ -198,12 +198,8 @@ def halved(cut: Indices, child: Indices, n: int) -> HalvedTree:
         require(not np.any(reached[both]) and len(np.unique(both)) == len(both), "a cell with two parents")
         half = size[cells, axis] // 2
         require(half > 0, "an edge too short to be halved")
-        lower[below], lower[below + 1], size[below], size[below + 1] = (
-            lower[cells],
-            lower[cells],
-            size[cells],
-            size[cells],
-        )
+        for side in (below, below + 1):
+            lower[side], size[side] = lower[cells], size[cells]
         size[below, axis], size[below + 1, axis] = half, half
         lower[below + 1, axis] += half
         reached[both], cells = True, both

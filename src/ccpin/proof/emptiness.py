@@ -15,9 +15,9 @@ from ccpin.proof.chains import Chain, ClosureSystem, stack_chains
 from ccpin.proof.rounding import widened
 from ccpin.proof.tips import move
 
-_SAME = 1e-12
+_SAME = 1e-12  # how far rows may be from orthonormal: far below `_SLACK`
 _SLACK = 1e-9  # of the sums: far above rounding
-_LEAST_VALUE = 1e-12
+_LEAST_VALUE = 1e-12  # of S: any positive one makes a true bound
 _LEAST = 3  # legs
 
 

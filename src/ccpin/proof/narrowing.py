@@ -17,7 +17,7 @@ from ccpin.proof.rounding import SLACK, blur
 
 _SHARE = 1e-12  # of Y: more than the rounding of E as a difference
 _WIDER = 2.0  # how much wider a box may get by a change of slope
-_SMALLER = 0.9
+_SMALLER = 0.9  # what a change of slope is worth after; of choice
 
 
 class Candidates(NamedTuple):

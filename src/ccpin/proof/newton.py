@@ -19,8 +19,8 @@ from ccpin.proof.chains import ClosureSystem
 from ccpin.proof.equations import Closures, Problem, closure_values, closures_of
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, blur, widened
 
-_PART = 256
-_POWERS = 8
+_PART = 256  # boxes at once: bounds memory
+_POWERS = 8  # steps: more find a w where κ is nearly 1, and none is believed without its inequality
 _ROUNDED = 1e-9  # room in κ for bounds computed in another order (the compiled core's)
 
 
@@ -142,7 +142,7 @@ def weights_for(bounds: Bounds, radius: Array) -> tuple[Array, Array]:
     return best, kappa
 
 
-_MOST_STEPS = 20000
+_MOST_STEPS = 20000  # for a κ of nearly 1; what has not come to rounding by then raises
 
 
 class EnclosedSolution(NamedTuple):

@@ -20,10 +20,10 @@ from ccpin.proof.chains import Chain, ClosureSystem
 
 NO_LIMIT = float(np.finfo(np.float64).max)
 """Stands for no limit in documents, which have no infinity."""
-_WIDER = 1e-6
-_ORTHONORMAL = 1e-9
+_WIDER = 1e-6  # of an interval's ends: far above the roundings of the sums
+_ORTHONORMAL = 1e-9  # how far axes and rows may be from orthonormal
 _LEAST_SEEN = 1e-3  # of σ: slides that are seen less have no bound worth a search
-_ROUNDS, _GAIN = 50, 1e-2
+_ROUNDS, _GAIN = 50, 1e-2  # passes, and what a further one is worth after: fewer leave wider ranges
 
 
 class Reason(IntEnum):

@@ -15,7 +15,7 @@ from ccpin.proof.equations import Problem, Requirements, closure_values
 from ccpin.proof.newton import Boxes, bounds_of, weights_for
 from ccpin.proof.rounding import SLACK
 
-_ROUNDING = 1e-12
+_ROUNDING = 1e-12  # of sums over the box, relative: far above their roundings
 
 
 def meets(problem: Problem, boxes: Boxes) -> Mask:

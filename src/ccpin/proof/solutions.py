@@ -20,7 +20,7 @@ from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, req
 from ccpin.proof.newton import Boxes, SolutionBall, TubesAt, check, in_tubes, noise_of, reached
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, product_of, sum_of
 
-_PART = 256
+_PART = 256  # pairs of boxes at once: bounds memory
 TURN = 2.0 * np.pi
 
 
@@ -147,12 +147,9 @@ class GluedBoxes(ProvableClaim):
 
     def examined(self, *premises: Fact) -> Examined:
         """Lemma G."""
-        tubes, count, n = (
-            _tubes_of(self.equations, premises, self.first, self.second),
-            len(self.first),
-            self.equations.system.n,
-        )
-        same, turn = np.zeros(count, dtype=np.bool_), np.zeros((count, n), dtype=np.int64)
+        tubes = _tubes_of(self.equations, premises, self.first, self.second)
+        same = np.zeros(len(self.first), dtype=np.bool_)
+        turn = np.zeros((len(self.first), self.equations.system.n), dtype=np.int64)
         plain = tubes.plain[self.first] & tubes.plain[self.second]
         for alike in (np.flatnonzero(plain), np.flatnonzero(~plain)):
             for start in range(0, len(alike), _PART):
@@ -186,10 +183,8 @@ class Met(ProvableClaim):
         points, tubes = boxes_of(premises[:1]), _tubes_of(self.equations, premises[1:], self.first, self.second)
         require(points.half.shape[1] == 0 and np.all(self.point < len(points.kappa)), "a point that is none")
         point = points.take(self.point)
-        q, ball = (
-            point.centre[:, self.equations.system.independent],
-            SolutionBall(point.centre, point.radius, point.modes),
-        )
+        q = point.centre[:, self.equations.system.independent]
+        ball = SolutionBall(point.centre, point.radius, point.modes)
         held, turns = np.ones(len(q), dtype=np.bool_), list[Indices]()
         for rows, delta in ((self.first, self.at_first), (self.second, self.at_second)):
             with np.errstate(all="ignore"):

@@ -13,6 +13,7 @@ from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
 from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.covering.proposals.solving import glued, newton
 from ccpin.covering.runner import Arrays, Runner
+from ccpin.native.certifier import certifier
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes
 from ccpin.proof.requirements import meets
@@ -20,6 +21,11 @@ from ccpin.proof.requirements import meets
 _AT_FACE, _AT_CENTRE = 5, 10
 _NEAR = 1e-4  # at a face: σ is only passed there
 _FIELDS = len(Boxes._fields)
+
+
+def compiled(problem: Problem) -> bool:
+    """Whether the core computes the tasks: it lets go of the interpreter's lock, and is quick on few boxes."""
+    return certifier(problem.system, problem.phasors) is not None
 
 
 class CellsToProve(NamedTuple):

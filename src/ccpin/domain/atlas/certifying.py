@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, joined, number, positive, whole
 from ccpin.covering.cells import CellStatus
 from ccpin.covering.claims import proved_boxes, proved_glue
-from ccpin.covering.region import LEVELS, Corners, Region
+from ccpin.covering.proposals.tasks import compiled
+from ccpin.covering.region import Corners, Region
 from ccpin.covering.runner import Progress, Runner, Work, reporter
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cover import BUDGET, AtlasBuilder, SquareNorm
@@ -24,7 +25,7 @@ from ccpin.domain.closures.system import Reading
 from ccpin.domain.singular.marking import mark_singular
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.native.certifier import certifier
+from ccpin.proof.covers import LEVELS
 from ccpin.proof.equations import BoundsName
 from ccpin.work import Stopped, executor_for, stoppable
 
@@ -171,8 +172,7 @@ def certify_region(
         SingularConfigurationError: The seed is singular.
     """
     problem, complete = reading.problem, True
-    compiled = certifier(problem.system, problem.phasors) is not None
-    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers, compiled) as chosen:
+    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers, compiled(problem)) as chosen:
         runner = Runner(problem, chosen, work.checkpoint, flag)
         builder = AtlasBuilder(problem, seed, region, runner, reporter(work.progress), shape, effort.budget)
         try:

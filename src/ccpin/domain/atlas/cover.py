@@ -17,18 +17,21 @@ from ccpin.arrays import Array, Indices, Mask, rows_of
 from ccpin.covering.cells import CellStatus, CellTree, Growing, SingularCells, place
 from ccpin.covering.faces import contacts_of
 from ccpin.covering.proposals.krawczyk import certify_points
-from ccpin.covering.proposals.tasks import CellsToProve, Proved, glue_boxes, prove_cells
-from ccpin.covering.region import LEVELS, WHOLE, Region
+from ccpin.covering.proposals.tasks import CellsToProve, Proved, compiled, glue_boxes, prove_cells
+from ccpin.covering.region import Region
 from ccpin.covering.runner import Report, Runner
 from ccpin.errors import SingularConfigurationError
-from ccpin.native.certifier import certifier
+from ccpin.proof.covers import LEVELS, WHOLE
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, encloses, predict
 from ccpin.work import Stopped
 
 BUDGET = 400_000
 """Boxes of an atlas: of a mechanism with six coordinates that depend they take half a gigabyte."""
-_COMPILED, _IN_NUMPY = 150_000, 500_000  # numbers of a chunk's second derivatives: NumPy is slow on few boxes
+_COMPILED, _IN_NUMPY = (
+    (150_000, 16),
+    (500_000, 32),
+)  # second derivatives, least boxes of a chunk: NumPy is slow on few
 _NEAREST = 96  # cells of a wave that looks for the largest square: more would refine in vain
 
 
@@ -104,8 +107,8 @@ class AtlasBuilder:
         self._at_seed = (region.reduce(self.q0[None])[0] - region.lower) / region.span * WHOLE
         self._reach_seed()
         size = problem.system.m * problem.system.n_free**2
-        compiled = certifier(problem.system, problem.phasors) is not None
-        self._chunk = int(np.clip((_COMPILED if compiled else _IN_NUMPY) // size, 16 if compiled else 32, 512))
+        numbers, least = _COMPILED if compiled(problem) else _IN_NUMPY
+        self._chunk = int(np.clip(numbers // size, least, 512))
 
     @property
     def boxes(self) -> Boxes:

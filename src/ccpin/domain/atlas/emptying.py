@@ -10,10 +10,11 @@ from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.covering.proposals.platforms import platform_empty
 from ccpin.covering.proposals.solving import newton
 from ccpin.covering.pruning import Pruning, handed_down, whole_candidates
-from ccpin.covering.region import LEVELS, Region
+from ccpin.covering.region import Region
 from ccpin.covering.runner import Runner
 from ccpin.domain.closures.searchable import MOST_DEPENDENT, all_values
 from ccpin.domain.closures.system import Reading
+from ccpin.proof.covers import LEVELS
 from ccpin.proof.emptiness import empty_cells, groups_of, platform_of
 from ccpin.proof.equations import Problem
 from ccpin.proof.narrowing import Candidates

@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Indices, instance, numbers
 from ccpin.covering.cells import CellStatus
-from ccpin.covering.region import WHOLE
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.errors import InvalidInputError
+from ccpin.proof.covers import WHOLE
 
 _CHUNK = 1_000_000
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.covering.region import TURN, Corners, Region, corners_of
+from ccpin.covering.region import Corners, Region, corners_of
 from ccpin.domain.closures.seeds import Seed
 from ccpin.domain.closures.system import Reading
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.coordinates import component_names
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.ranges import NO_LIMIT, Ranges, ranges_of
+from ccpin.proof.solutions import TURN
 
 _SLACK = 1e-9
 _MOST_INDEPENDENT = 3

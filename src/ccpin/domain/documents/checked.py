@@ -12,12 +12,12 @@ import numpy as np
 
 from ccpin.containers import NamedArrays
 from ccpin.covering.cells import CellStatus
-from ccpin.covering.region import TURN, WHOLE
 from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.errors import InvalidInputError
-from ccpin.proof.covers import halved
+from ccpin.proof.covers import WHOLE, halved
 from ccpin.proof.facts import NotProvedError
 from ccpin.proof.rounding import widened
+from ccpin.proof.solutions import TURN
 
 _LARGEST = 1e9  # m or rad: of no mechanism; squares of it are far from overflowing
 _MODERATE = ("tip", "translations", "weights", "rotations", "axes")

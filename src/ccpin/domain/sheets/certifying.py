@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Indices, instance, joined, positive, whole
 from ccpin.covering.cells import CellStatus, CellTree, SingularCells, place
-from ccpin.covering.region import LEVELS, Corners, Region
+from ccpin.covering.region import Corners, Region
 from ccpin.covering.runner import Progress, Runner, Work, reporter
 from ccpin.domain.closures.packing import require_about
 from ccpin.domain.closures.searchable import check_searchable, region_about, searched_ranges
@@ -25,6 +25,7 @@ from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.domain.singular.marking import mark_in_cells
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.covers import LEVELS
 from ccpin.proof.equations import BoundsName
 from ccpin.proof.ranges import Ranges
 from ccpin.work import Stopped, executor_for, stoppable

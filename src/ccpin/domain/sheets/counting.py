@@ -29,8 +29,9 @@ from ccpin.covering.cells import CellTree, place
 from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.covering.proposals.solving import newton
 from ccpin.covering.pruning import Pruning, halved, handed_down, narrowed_both, steepness, to_halve, whole_candidates
-from ccpin.covering.region import LEVELS, WHOLE, Region
+from ccpin.covering.region import Region
 from ccpin.covering.runner import Arrays, Report, Runner
+from ccpin.proof.covers import LEVELS, WHOLE
 from ccpin.proof.equations import Problem
 from ccpin.proof.narrowing import Candidates, alone_in
 from ccpin.proof.newton import Boxes, without_turns

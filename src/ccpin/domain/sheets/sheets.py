@@ -32,7 +32,7 @@ from ccpin.covering.cells import CellStatus, CellTree, SingularCells, place
 from ccpin.covering.documents import packed, unpacked
 from ccpin.covering.faces import contacts_of
 from ccpin.covering.proposals.solving import newton
-from ccpin.covering.region import WHOLE, Region
+from ccpin.covering.region import Region
 from ccpin.domain.closures.packing import fingerprint_of, same_closures
 from ccpin.domain.closures.system import Reading
 from ccpin.domain.documents import store
@@ -42,6 +42,7 @@ from ccpin.domain.sheets.seams import Fold, cross, near_folds
 from ccpin.domain.singular.cusp_points import Cusp, distinct, proved_cusps
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.covers import WHOLE
 from ccpin.proof.equations import Problem, closure_values, closures_of
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.newton import Boxes, check, solve_in_boxes, without_turns

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from ccpin.arrays import Array, Mask, joined
-from ccpin.covering.region import TURN, Region
+from ccpin.covering.region import Region
 from ccpin.domain.closures.packing import same_reading
 from ccpin.domain.singular.cover import BEYOND
 from ccpin.domain.singular.curve import as_curve
@@ -29,6 +29,7 @@ from ccpin.domain.singular.joining import one_of_each
 from ccpin.errors import InvalidInputError
 from ccpin.proof.equations import Problem
 from ccpin.proof.ranges import ranges_over
+from ccpin.proof.solutions import TURN
 
 _ALIGNED = 0.1 * BEYOND  # of bounds (rad, m)
 _LIMITS = ("interrupted", "budget")

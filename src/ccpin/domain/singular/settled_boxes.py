@@ -24,12 +24,12 @@ from ccpin.proof.narrowing import Candidates, narrowed
 from ccpin.proof.newton import without_turns
 from ccpin.proof.ranges import Ranges
 from ccpin.proof.rounding import SLACK, blur
+from ccpin.proof.solutions import TURN
 
 _BESIDE, _ABOUT = 3, 8
 _WORTH = 2.5  # half lengths: wider boxes are in no tube, and seldom shown to be empty
 _ROOM, _LEAST = 1.0 + 1e-6, 1e-9  # of u: components of w may be 0, as those of rotors that bend nothing are
 _PASSES, _GAIN = 2, 0.7  # and what radius a second pass is worth after
-_TURN = 2.0 * np.pi
 _CHUNK = 1000  # boxes of a task
 _FIELDS = len(Candidates._fields)
 
@@ -39,7 +39,7 @@ class Nearby:
 
     def __init__(self, problem: Problem, tubes: Tubes) -> None:
         self.problem, self.tubes = problem, tubes
-        self._size = np.where(problem.system.periodic, _TURN, 0.0)
+        self._size = np.where(problem.system.periodic, TURN, 0.0)
         self._tree = cKDTree(self._folded(tubes.theta), boxsize=self._size)
 
     def of(self, theta: Array, most: int) -> Indices:
@@ -49,8 +49,8 @@ class Nearby:
         return np.asarray(found, dtype=np.intp)
 
     def _folded(self, theta: Array) -> Array:
-        turned = np.where(self._size > 0.0, np.remainder(theta, _TURN), theta)
-        return np.where((self._size > 0.0) & (turned >= _TURN), 0.0, turned)
+        turned = np.where(self._size > 0.0, np.remainder(theta, TURN), theta)
+        return np.where((self._size > 0.0) & (turned >= TURN), 0.0, turned)
 
     def hold(self, points: Points) -> Mask:
         """Whether points x lie in one of the tubes nearest to them, of shape (B,)."""

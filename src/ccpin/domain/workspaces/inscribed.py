@@ -14,9 +14,9 @@ import numpy as np
 from scipy import ndimage
 
 from ccpin.arrays import Array, Mask
-from ccpin.covering.region import WHOLE
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.radius_map import without_sigma
+from ccpin.proof.covers import WHOLE
 
 _MOST_VOXELS = 2**21
 
