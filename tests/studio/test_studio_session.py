@@ -221,11 +221,22 @@ def test_what_is_proved_takes_the_place_of_samples(subjects, monkeypatch):
     """A slice sampled before there was an atlas is neither kept for an exported page nor told after the atlas."""
     monkeypatch.setattr(map_pieces, "certify", partial(domain.certify, max_depth=5))
     monkeypatch.setattr(map_pieces, "singularities", partial(domain.singularities, starts=10))
-    monkeypatch.setattr(map_pieces, "flood", partial(map_pieces.flood, grid=9))
+    flood, sampled = map_pieces.flood, []
+
+    def late(*arguments):
+        """The second one takes as long as anybody wants it, for ten seconds at most."""
+        sampled.append(arguments[-1])
+        until = time.monotonic() + 10.0
+        while len(sampled) > 1 and sampled[-1].wanted and time.monotonic() < until:
+            time.sleep(0.01)
+        return flood(*arguments, grid=9)
+
+    monkeypatch.setattr(map_pieces, "flood", late)
     desk = Desk(subjects("rpdr"))
     desk.result("slice", "slice", axes=[0, 1])
     desk.order("slice", axes=[0, 1])
     desk.result("chart", "chart")
+    assert len(sampled) == 2
     assert desk.said[-1]["kind"] == "chart"
     kinds = [message["kind"] for message in desk.said]
     assert kinds.count("slice") == 1
