@@ -18,6 +18,7 @@ from ccpin import plotting
 from ccpin.control import (
     ComputedTorque,
     Hold,
+    Measurement,
     PDFullGravity,
     PDOnlineGravity,
     PDPlus,
@@ -79,7 +80,7 @@ def cost(law, motion):
         taken = []
         for k in range(1, len(motion.t)):
             begin = time.thread_time_ns()
-            law.torque(motion.t[k], motion.q[k], motion.v[k], motion.q_free[k - 1])
+            law.torque(motion.t[k], Measurement(motion.q[k], motion.q_free[k - 1]), motion.v[k])
             taken.append(time.thread_time_ns() - begin)
         medians.append(1e-3 * float(np.median(taken)))
     return min(medians)

@@ -194,5 +194,5 @@ def test_codac_has_the_closed_loop(rpdr_model):
         paper = to_paper(rpdr_model.mechanism, state.q_free)
         found = np.ravel(f.eval(IntervalVector([*map(float, [*q, *(paper[:2] + paper[2:]), *v])])).mid())
         far = (oracle.rho(paper)[:2] + oracle.rho(paper)[2:]) @ v
-        expected = [*v, *far, *state.forward_dynamics(v, law.torque(0.0, q, v))]
+        expected = [*v, *far, *state.forward_dynamics(v, law.torque(0.0, state, v))]
         np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)

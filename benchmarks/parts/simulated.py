@@ -22,6 +22,7 @@ from benchmarks.peers.mjcf import Servo
 from benchmarks.peers.pinocchio import contacts, memory
 from benchmarks.subjects import models_of
 from benchmarks.timing import Timing
+from ccpin.control import Measurement
 from tests.oracles import rpdr as oracle
 from tests.support.paper import GOAL, K_P, K_V, START, to_paper
 
@@ -149,7 +150,7 @@ def constrained(model: ccpin.ReducedModel) -> Runner:
 
     def derivative(t: float, state: np.ndarray) -> np.ndarray:
         q, v = state[: free.nq], state[free.nq :]
-        tau = motors.T @ law.torque(t, q[select], v[select])
+        tau = motors.T @ law.torque(t, Measurement(q[select]), v[select])
         a = pin.constraintDynamics(free, data, q, v, tau, made, scratch, settings)
         return np.concatenate([v, a])
 

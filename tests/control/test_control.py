@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control import PDFullGravity, PDSimpleGravity
+from ccpin.control import Measurement, PDFullGravity, PDSimpleGravity
 from ccpin.control.laws import NoTorque
 from ccpin.description import Part, combine
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
@@ -21,7 +21,7 @@ def test_simple_gravity_is_equation_28(model):
     law = PDSimpleGravity(model, GOAL, [11.0, 9.0], K_V)
     q, v = GOAL + [0.1, -0.2], np.array([0.3, 0.4])
     expected = [11.0 * -0.1 - 0.65 * 0.3, 9.0 * 0.2 - 0.6 * 0.4] + model.terms(GOAL, v).g
-    assert np.allclose(law.torque(0.0, q, v), expected, rtol=0, atol=1e-13)
+    assert np.allclose(law.torque(0.0, Measurement(q), v), expected, rtol=0, atol=1e-13)
 
 
 def test_full_gravity_is_equation_30(model):
@@ -29,14 +29,14 @@ def test_full_gravity_is_equation_30(model):
     law = PDFullGravity(model, GOAL, np.diag([11.0, 9.0]), K_V)
     q, v = GOAL + [0.1, -0.2], np.array([0.3, 0.4])
     expected = [11.0 * -0.1 - 0.65 * 0.3, 9.0 * 0.2 - 0.6 * 0.4] + model.terms(q, v).g
-    assert np.allclose(law.torque(0.0, q, v), expected, rtol=0, atol=1e-12)
+    assert np.allclose(law.torque(0.0, Measurement(q), v), expected, rtol=0, atol=1e-12)
 
 
 def test_gravity_of_the_set_point_is_computed_once(model, monkeypatch):
     """The law with simple compensation calls no σ on line."""
     law = PDSimpleGravity(model, GOAL, K_P, K_V)
     monkeypatch.setattr(model.parametrization, "sigma", None)
-    assert np.isfinite(law.torque(0.0, GOAL, np.zeros(2))).all()
+    assert np.isfinite(law.torque(0.0, Measurement(GOAL), np.zeros(2))).all()
 
 
 @pytest.mark.parametrize("law_class", [PDSimpleGravity, PDFullGravity])
@@ -44,7 +44,7 @@ def test_the_goal_is_an_equilibrium(model, law_class):
     """At rest at q_d the acceleration under either law is zero, and 𝒱 is zero."""
     law = law_class(model, GOAL, K_P, K_V)
     at_rest = np.zeros(2)
-    assert np.abs(model.forward_dynamics(GOAL, at_rest, law.torque(0.0, GOAL, at_rest))).max() < 1e-10
+    assert np.abs(model.forward_dynamics(GOAL, at_rest, law.torque(0.0, model.at(GOAL), at_rest))).max() < 1e-10
     assert abs(law.lyapunov(GOAL, at_rest)) < 1e-13
 
 
@@ -55,7 +55,7 @@ def test_lyapunov_rate_is_the_damping(model, law_class):
     generator = np.random.default_rng(3)
     for _ in range(10):
         q, v = GOAL + 0.2 * generator.standard_normal(2), generator.standard_normal(2)
-        a, h = model.forward_dynamics(q, v, law.torque(0.0, q, v)), 1e-4
+        a, h = model.forward_dynamics(q, v, law.torque(0.0, model.at(q), v)), 1e-4
 
         def value(s, q=q, v=v, a=a):
             return law.lyapunov(q + s * v + 0.5 * s * s * a, v + s * a)
@@ -70,8 +70,8 @@ def test_motors_elsewhere_get_the_same_motion():
     elsewhere = ccpin.ReducedModel(ccpin.load("rpdr", actuated=["joint3", "joint4"]))
     q, v = GOAL + [0.05, -0.1], np.array([0.2, -0.1])
     arguments = (GOAL, K_P, K_V)
-    first = direct.forward_dynamics(q, v, PDSimpleGravity(direct, *arguments).torque(0.0, q, v))
-    second = elsewhere.forward_dynamics(q, v, PDSimpleGravity(elsewhere, *arguments).torque(0.0, q, v))
+    first = direct.forward_dynamics(q, v, PDSimpleGravity(direct, *arguments).torque(0.0, direct.at(q), v))
+    second = elsewhere.forward_dynamics(q, v, PDSimpleGravity(elsewhere, *arguments).torque(0.0, Measurement(q), v))
     assert np.allclose(first, second, rtol=1e-10)
 
 
@@ -129,7 +129,21 @@ def test_fewer_motors_than_coordinates_are_refused():
     model = ccpin.ReducedModel(ccpin.load("rpdr", actuated=["joint1"]))
     with pytest.raises(UnsupportedMechanismError, match="motors"):
         PDSimpleGravity(model, GOAL, [1.0, 1.0], [1.0, 1.0])
-    assert NoTorque(model).torque(0.0, GOAL, np.zeros(2)).shape == (1,)
+    assert NoTorque(model).torque(0.0, model.at(GOAL), np.zeros(2)).shape == (1,)
+
+
+@pytest.mark.parametrize("law_class", [PDSimpleGravity, PDFullGravity])
+def test_a_law_is_asked_at_a_state_or_a_measurement(model, law_class):
+    """Anything else is told what would be right: a bare q, a q of another size, another robot's State, a short v."""
+    law, v = law_class(model, GOAL, K_P, K_V), np.zeros(2)
+    with pytest.raises(InvalidInputError, match=r"Measurement\(q, near\)"):
+        law.torque(0.0, GOAL, v)
+    one = ccpin.ReducedModel(ccpin.load("four_bar"))
+    for state in (Measurement(np.zeros(3)), one.at(one.alpha(one.mechanism.q_reference))):
+        with pytest.raises(InvalidInputError, match=r"\(2,\)"):
+            law.torque(0.0, state, v)
+    with pytest.raises(InvalidInputError, match=r"v has shape \(3,\)"):
+        law.torque(0.0, Measurement(GOAL), np.zeros(3))
 
 
 def test_a_floating_base_is_no_set_point():

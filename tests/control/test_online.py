@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control import ComputedTorque, OnlineLaw, OnlineSigma, PDPlus, PointToPoint, Sampling
+from ccpin.control import ComputedTorque, Measurement, OnlineLaw, OnlineSigma, PDPlus, PointToPoint, Sampling
 from ccpin.control.online import capped_sigma
 from ccpin.errors import InvalidInputError
 from tests.oracles import rpdr
@@ -137,10 +137,10 @@ def test_the_law_holds_and_brakes(model, reference):
     online_law = OnlineLaw(law, OnlineSigma(model, closed_form(START), patience=1))
     v = np.array([0.3, -0.2])
     held = online_law.online.update(0.0, START).state
-    np.testing.assert_array_equal(online_law.torque(0.0, START, v), law.torque_at(0.0, held, v))
-    found = online_law.torque(1e-3, OUT_OF_REACH, v)
+    np.testing.assert_array_equal(online_law.torque(0.0, Measurement(START), v), law.torque(0.0, held, v))
+    found = online_law.torque(1e-3, Measurement(OUT_OF_REACH), v)
     np.testing.assert_array_equal(found, law.torque_with(1e-3, OUT_OF_REACH, v, held))
-    np.testing.assert_array_equal(online_law.torque(2e-3, OUT_OF_REACH, v), law.brake(v, held))
+    np.testing.assert_array_equal(online_law.torque(2e-3, Measurement(OUT_OF_REACH), v), law.brake(v, held))
 
 
 def test_samples_come_in_order(model):

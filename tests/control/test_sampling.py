@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 import ccpin
-from ccpin.control import ControlLaw, CoulombCompensation, PDSimpleGravity, Sampling, TorqueFunction
+from ccpin.control import ControlLaw, CoulombCompensation, Measurement, PDSimpleGravity, Sampling, TorqueFunction
 from ccpin.control.laws import NoTorque
 from ccpin.control.sampling import SampledCommands
 from ccpin.errors import InvalidInputError
@@ -24,9 +24,9 @@ class Recorded(ControlLaw):
     def __init__(self, law):
         self.law, self.calls = law, []
 
-    def torque(self, t, q, v, near=None):
-        u = self.law.torque(t, q, v, near)
-        self.calls.append((t, q.copy(), v.copy(), u.copy()))
+    def torque(self, t, state, v):
+        u = self.law.torque(t, state, v)
+        self.calls.append((t, state.q.copy(), v.copy(), u.copy()))
         return u
 
     def columns(self):
@@ -181,9 +181,9 @@ def test_compensation_adds_what_it_says(rpdr_model, law):
     by_error = CoulombCompensation(law, 0.1, width=0.02)
     for offset, share in (([0.005, -0.5], [-0.25, 1.0]), ([0.0, 0.01], [0.0, -0.5])):
         q = GOAL + offset
-        plain = law.torque(0.0, q, np.ones(2))
-        assert constant.torque(0.0, q, np.ones(2)) - plain == pytest.approx([-0.1, 0.2])
-        assert by_error.torque(0.0, q, np.ones(2)) - plain == pytest.approx(0.1 * np.array(share))
+        plain = law.torque(0.0, Measurement(q), np.ones(2))
+        assert constant.torque(0.0, Measurement(q), np.ones(2)) - plain == pytest.approx([-0.1, 0.2])
+        assert by_error.torque(0.0, Measurement(q), np.ones(2)) - plain == pytest.approx(0.1 * np.array(share))
 
 
 def test_supervised_cycles_with_the_bench_on(rpdr_model):

@@ -27,7 +27,7 @@ def test_accelerations_are_mujocos(name):
     model, rng = ccpin.ReducedModel(mechanism), np.random.default_rng(2)
     q = model.coordinates.integrate(model.alpha(mechanism.q_reference), 0.4 * rng.normal(size=model.n))
     state, v = model.at(q), rng.normal(size=model.n)
-    u = Servos(model, ctrl).torque(0.0, q, v)
+    u = Servos(model, ctrl).torque(0.0, model.at(q), v)
     simulated, data = mujoco_state(text, mechanism, state.q_free, state.v_free(v), ctrl)
     ours = state.a_free(v, state.forward_dynamics(v, u))
     theirs = by_joint(mechanism, simulated, data.qacc_smooth)

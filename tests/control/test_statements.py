@@ -27,11 +27,8 @@ def backwards(kind):
     """The law, pushing the other way."""
 
     class Backwards(kind):
-        def torque(self, t, q, v, near=None):
-            return -super().torque(t, q, v, near)
-
-        def torque_at(self, t, state, v):
-            return -super().torque_at(t, state, v)
+        def torque(self, t, state, v):
+            return -super().torque(t, state, v)
 
     return Backwards
 
@@ -79,7 +76,7 @@ def test_each_law_states_itself(rpdr_model):
             "computed_torque": D @ (wanted.a + feedback) + C @ v + damping @ v + g,
             "pd_plus": D @ wanted.a + (C + damping) @ wanted.v + g + feedback,
         }[told.kind]
-        np.testing.assert_allclose(law.torque_at(t, state, v), force, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(law.torque(t, state, v), force, rtol=1e-12, atol=1e-12)
 
 
 def test_what_states_nothing(rpdr_model):
@@ -90,9 +87,9 @@ def test_what_states_nothing(rpdr_model):
     assert kind_of(TorqueFunction(lambda t, q, v: q)) is None
     assert stated(Delayed(law, 2.0)).start == 2.0
     assert kind_of(named(PDSimpleGravity)(rpdr_model, Q_D, *GAINS)) == "pd"
-    for name in ("torque", "torque_at", "error", "_feedback", "own", "lyapunov", "next_switch"):
+    for name in ("torque", "error", "_feedback", "own", "lyapunov", "next_switch"):
         assert kind_of(otherwise(PDSimpleGravity, name, lambda self, *_: None)(rpdr_model, Q_D, *GAINS)) is None, name
-    law.torque_at = lambda t, state, v: v
+    law.torque = lambda t, state, v: v
     assert kind_of(law) is None
 
 

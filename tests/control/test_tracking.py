@@ -5,7 +5,16 @@ import pytest
 from scipy.linalg import expm
 
 import ccpin
-from ccpin.control import ComputedTorque, Hold, PDFullGravity, PDOnlineGravity, PDPlus, PointToPoint, WithSigmaError
+from ccpin.control import (
+    ComputedTorque,
+    Hold,
+    Measurement,
+    PDFullGravity,
+    PDOnlineGravity,
+    PDPlus,
+    PointToPoint,
+    WithSigmaError,
+)
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import rpdr
 from tests.oracles.finite_differences import derivative
@@ -58,8 +67,10 @@ def test_the_laws_are_their_formulas(models, name):
                 PDPlus: terms.D @ wanted.a + terms.C @ wanted.v + terms.g + feedback,
                 PDOnlineGravity: feedback + terms.g,
             }[law_class]
-            np.testing.assert_allclose(law.torque(t, q, v), expected, rtol=0, atol=1e-10 * np.abs(expected).max())
-            np.testing.assert_allclose(law.torque(t, q, v, terms.q_free), expected, rtol=1e-9)
+            np.testing.assert_allclose(
+                law.torque(t, Measurement(q), v), expected, rtol=0, atol=1e-10 * np.abs(expected).max()
+            )
+            np.testing.assert_allclose(law.torque(t, Measurement(q, terms.q_free), v), expected, rtol=1e-9)
 
 
 @every_move
@@ -98,7 +109,7 @@ def test_lyapunov_rate_of_pd_plus(models, name):
     model = models[name]
     law = law_for(model, PDPlus)
     for t, q, v in states(model):
-        a = model.forward_dynamics(q, v, law.torque(t, q, v))
+        a = model.forward_dynamics(q, v, law.torque(t, model.at(q), v))
 
         def value(s, t=t, q=q, v=v, a=a):
             return law.lyapunov(t + s, q + s * v + 0.5 * s * s * a, v + s * a)
@@ -128,7 +139,8 @@ def test_pd_plus_at_a_set_point_is_full_gravity_compensation(models):
     for law_class in (PDPlus, PDOnlineGravity):
         law = law_class(model, Hold(model, GOAL), [11.0, 9.0], K_V)
         for t, q, v in states(model):
-            np.testing.assert_allclose(law.torque(t, q, v), full.torque(t, q, v), atol=1e-12)
+            state = model.at(q)
+            np.testing.assert_allclose(law.torque(t, state, v), full.torque(t, state, v), atol=1e-12)
 
 
 @pytest.mark.parametrize("law_class", LAWS)
@@ -137,8 +149,8 @@ def test_motors_elsewhere_get_the_same_motion(models, law_class):
     elsewhere = ccpin.ReducedModel(ccpin.load("rpdr", actuated=["joint3", "joint4"]))
     direct, other = law_for(models["rpdr"], law_class), law_for(elsewhere, law_class)
     for t, q, v in states(models["rpdr"]):
-        expected = models["rpdr"].forward_dynamics(q, v, direct.torque(t, q, v))
-        found = elsewhere.forward_dynamics(q, v, other.torque(t, q, v))
+        expected = models["rpdr"].forward_dynamics(q, v, direct.torque(t, models["rpdr"].at(q), v))
+        found = elsewhere.forward_dynamics(q, v, other.torque(t, elsewhere.at(q), v))
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
@@ -159,9 +171,9 @@ def test_sigma_errors_enter_where_the_model_does(models, law_class):
             PDPlus: mass @ wanted.a + coriolis @ wanted.v + gravity + feedback,
             PDOnlineGravity: feedback + gravity,
         }[law_class]
-        np.testing.assert_allclose(wrong_law.torque(t, q, v), expected, rtol=1e-9, atol=1e-9)
-        right = WithSigmaError(law, np.zeros(4)).torque(t, q, v)
-        np.testing.assert_allclose(right, law.torque(t, q, v), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(wrong_law.torque(t, Measurement(q), v), expected, rtol=1e-9, atol=1e-9)
+        right = WithSigmaError(law, np.zeros(4)).torque(t, Measurement(q), v)
+        np.testing.assert_allclose(right, law.torque(t, Measurement(q), v), rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("law_class", LAWS)
@@ -170,8 +182,9 @@ def test_laws_remember_nothing(models, law_class):
     model = models["delta"]
     law = law_for(model, law_class)
     samples = list(states(model))
-    first = [law.torque(*sample) for sample in samples]
-    again = [law.torque(*sample, model.sigma(samples[0][1])) for sample in reversed(samples)][::-1]
+    first = [law.torque(t, Measurement(q), v) for t, q, v in samples]
+    near = model.sigma(samples[0][1])
+    again = [law.torque(t, Measurement(q, near), v) for t, q, v in reversed(samples)][::-1]
     np.testing.assert_allclose(first, again, rtol=1e-9)
 
 

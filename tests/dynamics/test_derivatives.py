@@ -409,7 +409,7 @@ def test_closed_loop_derivative():
     closed = linear.closed_loop(model.gravity_derivative(q_d) - law.K_p, -law.K_v)
 
     def acceleration(q, v):
-        return model.forward_dynamics(q, v, law.torque(0.0, q, v))
+        return model.forward_dynamics(q, v, law.torque(0.0, model.at(q), v))
 
     still = np.zeros(2)
     assert_close(closed[2:, :2], by_vector(lambda q: acceleration(q, still), q_d), TOLERANCE)

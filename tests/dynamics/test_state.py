@@ -10,12 +10,14 @@ from ccpin.control import (
     ComputedTorque,
     ControlLaw,
     CoulombCompensation,
+    Measurement,
     PDFullGravity,
     PDPlus,
     PDSimpleGravity,
     PointToPoint,
 )
 from ccpin.dynamics import assembly_modes
+from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError, UnreachableError
 from ccpin.kinematics.parametrization import Parametrization
 from ccpin.simulation import closure_forces, joint_forces
@@ -236,12 +238,10 @@ class Watching(ControlLaw):
     def __init__(self, law, sigmas):
         self.law, self.sigmas, self.own, self.calls = law, sigmas, 0, 0
 
-    def torque(self, t, q, v, near=None):
-        raise AssertionError("simulate has a State and must use it")
-
-    def torque_at(self, t, state, v):
+    def torque(self, t, state, v):
+        assert isinstance(state, State), "simulate has a State and must use it"
         before = len(self.sigmas)
-        u = self.law.torque_at(t, state, v)
+        u = self.law.torque(t, state, v)
         self.own, self.calls = self.own + len(self.sigmas) - before, self.calls + 1
         return u
 
@@ -269,10 +269,12 @@ def test_a_simulation_computes_sigma_once_an_evaluation(model, place, sigmas):
 
 
 def test_a_state_and_its_q_give_a_law_the_same_torque(model, place):
-    """torque_at(t, state, v) is torque(t, q, v) from the State, and lyapunov takes either."""
+    """A law finds the State of a q that is measured, and lyapunov takes either."""
     q, v, _, _ = place
     state = model.at(q)
     for law in laws_for(model, q):
-        np.testing.assert_allclose(law.torque_at(0.1, state, v), law.torque(0.1, q, v, state), rtol=1e-9, atol=1e-12)
+        for near in (None, state, state.q_free):
+            u = law.torque(0.1, Measurement(q, near), v)
+            np.testing.assert_allclose(law.torque(0.1, state, v), u, rtol=1e-9, atol=1e-12)
     full = laws_for(model, q)[0]
     assert full.lyapunov(state, v) == pytest.approx(full.lyapunov(q, v, state.q_free), rel=1e-12)

@@ -138,7 +138,7 @@ def test_what_the_core_leaves_to_the_reference(rpdr_model):
     q0, _ = ends(rpdr_model)
     assert in_core(rpdr_model, TorqueFunction(lambda t, q, v: np.zeros(2)), q0, 0.1) is None
     assert in_core(rpdr_model, NoTorque(rpdr_model), q0, 0.1, method="Radau") is None
-    still = {"torque_at": lambda self, t, state, v: np.zeros(2)}
+    still = {"torque": lambda self, t, state, v: np.zeros(2)}
     own = type("Own", (PDFullGravity,), still)(rpdr_model, q0, [50.0, 50.0], [5.0, 5.0])
     assert in_core(rpdr_model, own, q0, 0.1) is None
     theirs = reference(rpdr_model, None, q0, duration=3.0, sample_period=0.01)

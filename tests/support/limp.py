@@ -11,7 +11,7 @@ class Limp(ControlLaw):
     def __init__(self, motors):
         self.motors = motors
 
-    def torque(self, t, q, v, near=None):
+    def torque(self, t, state, v):
         """Zeros."""
         return np.zeros(self.motors)
 

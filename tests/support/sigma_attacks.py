@@ -19,10 +19,7 @@ class WithWrongSigma(ControlLaw):
     def __init__(self, law, error):
         self.law, self.error, self.rows = law, error, dependent_rows(law.model)
 
-    def torque(self, t, q, v, near=None):
-        return self.torque_at(t, self.law.state(q, near), v)
-
-    def torque_at(self, t, state, v):
+    def torque(self, t, state, v):
         return efforts(self.law, self.rows, t, state, v, self.error(t, state, v))
 
     def next_switch(self, t):

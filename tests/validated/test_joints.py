@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin.control import Measurement
 from ccpin.control.laws import NoTorque
 from ccpin.description import Joint, Link
 from ccpin.errors import CcpinError, UnsupportedMechanismError
@@ -256,7 +257,7 @@ def test_efforts_held_elsewhere():
         q, v = np.split(np.append(START, [0.0, 0.0]) + spread * signs, 2)
         for half in range(4):
             if half % 2 == 0:
-                u = law.torque(0.0, q, v)
+                u = law.torque(0.0, Measurement(q), v)
             held = ccpin.control.TorqueFunction(lambda t, q, v, u=u: u, ())
             motion = ccpin.simulate(model, held, q, v, duration=0.5 * period, **FINE)
             q, v = motion.q[-1], motion.v[-1]

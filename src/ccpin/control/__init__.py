@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from ccpin.control.laws import ControlLaw, CoulombCompensation, PDFullGravity, PDSimpleGravity, TorqueFunction
+from ccpin.control.laws import (
+    ControlLaw,
+    CoulombCompensation,
+    Measurement,
+    PDFullGravity,
+    PDSimpleGravity,
+    TorqueFunction,
+)
 from ccpin.control.online import OnlineLaw, OnlineSigma
 from ccpin.control.references import Hold, PointToPoint, Reference, Waypoints, through_points
 from ccpin.control.sampling import Sampling
@@ -17,6 +24,7 @@ __all__ = [
     "ControlLaw",
     "CoulombCompensation",
     "Hold",
+    "Measurement",
     "OnlineLaw",
     "OnlineSigma",
     "PDFullGravity",

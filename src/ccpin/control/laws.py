@@ -8,7 +8,7 @@ from __future__ import annotations
 import abc
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,11 +27,23 @@ _NO_EFFORT = 1e-9  # of the transmission's largest singular value: no motor driv
 _SKEW = 1e-13  # of a matrix's largest entry: a skew part below is rounding
 
 
-class ControlLaw(abc.ABC):
-    """A law u = torque(t, q, v) for the actuated joints.
+class Measurement(NamedTuple):
+    """What a law is given in place of a State where q is only measured: nobody has closed a configuration there.
 
-    A law that needs the model overrides `torque_at` as well, so that σ is not computed again where a State is at hand.
-    What it needs of a model it asks of its own: the State it is given may be of another, a plant's (`of_own`).
+    Attributes:
+        q: Independent coordinates, of shape (model.nq,).
+        near: A configuration near σ(q) where one is known, or ``None``; it may be a plant's. It only shortens the law's
+            own σ.
+    """
+
+    q: Array
+    near: Near = None
+
+
+class ControlLaw(abc.ABC):
+    """A law u = torque(t, state, v) for the actuated joints.
+
+    What a law needs of a model it asks of its own: the State it is given may be of another, a plant's (`of_own`).
 
     Attributes:
         everywhere: Whether u is defined also where the coordinates q are singular, because the law reads t, q and q̇ as
@@ -41,14 +53,13 @@ class ControlLaw(abc.ABC):
     everywhere: bool = False
 
     @abc.abstractmethod
-    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
+    def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """The efforts of the actuated joints, of shape (motors,).
 
         Args:
             t: Time in seconds.
-            q: Independent coordinates, of shape (model.nq,).
-            v: Their velocities, of shape (n,).
-            near: A configuration near σ(q), where one is known; it may be a plant's. It only shortens the law's own σ.
+            state: Where the mechanism is: the State at q, or a Measurement where q comes from sensors.
+            v: Velocities of the independent coordinates, of shape (n,).
         """
 
     @property
@@ -58,10 +69,6 @@ class ControlLaw(abc.ABC):
         own = model.digests if isinstance(model, ReducedModel) else Digests("")
         name = f"{type(self).__name__} of {own.name}" if own.name else type(self).__name__
         return own._replace(name=name, law=digest_or_none((type(self).__qualname__, own, vars(self))))
-
-    def torque_at(self, t: float, state: State, v: Array) -> Array:
-        """`torque` at a configuration already closed. `effort_at` is what calls it."""
-        return self.torque(t, state.q, v, state.q_free)
 
     def next_switch(self, t: float) -> float | None:
         """The first time after t at which u jumps or kinks as a function of time.
@@ -94,31 +101,38 @@ def kind_of(law: ControlLaw | None) -> LawKind | None:
     return None if found is None else found.kind
 
 
-def effort_at(law: ControlLaw, t: float, state: State, v: Array) -> Array:
-    """What a law gives at a State: by `torque_at`, unless a class further down overrides `torque` alone."""
-    if "torque" in vars(law) or _by_torque(type(law)):
-        return law.torque(t, state.q, v, state.q_free)
-    return law.torque_at(t, state, v)
+def of_own(model: ReducedModel, state: State | Measurement, near: Near) -> State:
+    """The State of a law's own model at the q of another's, or at a q that was measured.
 
+    A State of the same mechanism stands for itself. σ starts from the configuration given where both mechanisms have as
+    many coordinates, and from `near` where none is given or it is too far from closed for the law's own loops.
 
-@cache
-def _by_torque(kind: type[ControlLaw]) -> bool:
-    """Whether `torque` was overridden later than `torque_at`."""
-    order = {name: next(k for k, c in enumerate(kind.__mro__) if name in vars(c)) for name in ("torque", "torque_at")}
-    return order["torque"] < order["torque_at"]
-
-
-def of_own(model: ReducedModel, state: State, near: Near) -> State:
-    """The State of a law's own model at the q of another's: the State itself where that is of the same model.
-
-    σ starts from q′ there where both mechanisms have as many coordinates, else from `near`.
+    Raises:
+        InvalidInputError: It is neither a State nor a Measurement; else errors as for `ReducedModel.at`.
     """
-    if state.model.mechanism is model.mechanism:
-        return model.at(state)
-    if len(state.q_free) == model.mechanism.nq:
-        with suppress(InvalidInputError):  # too far from closed for the law's own loops
-            return model.at(state.q, state.q_free)
-    return model.at(state.q, near)
+    if isinstance(state, State):
+        if state.model.mechanism is model.mechanism:
+            return model.at(state)
+        state = Measurement(state.q, state.q_free if len(state.q_free) == model.mechanism.nq else None)
+    q = q_of(state)
+    if state.near is not None:
+        with suppress(InvalidInputError):
+            return model.at(q, state.near)
+    return model.at(q, near)
+
+
+def q_of(state: State | Measurement) -> Array:
+    """The independent coordinates at which a law is asked.
+
+    Raises:
+        InvalidInputError: It is neither a State nor a Measurement.
+    """
+    if not isinstance(state, State | Measurement):
+        raise InvalidInputError(
+            "a law takes the State model.at(q), or Measurement(q, near) where q comes from sensors, not "
+            f"{type(state).__name__}"
+        )
+    return state.q
 
 
 class NoTorque(ControlLaw):
@@ -129,7 +143,7 @@ class NoTorque(ControlLaw):
     def __init__(self, model: ReducedModel | Mechanism) -> None:
         self._zero = np.zeros(model_of(model).n_actuated)
 
-    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
+    def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """Zero, of shape (motors,)."""
         return self._zero
 
@@ -165,9 +179,9 @@ class TorqueFunction(ControlLaw):
         if self._times is not None and not (self._times.ndim == 1 and np.isfinite(self._times).all()):
             raise InvalidInputError(f"switching_times must be finite numbers of seconds, not {switching_times!r}")
 
-    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
+    def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """What the function returns, as a float64 vector; one number stands for the effort of an only motor."""
-        return np.atleast_1d(numbers(self._function(t, q, v), "what the law returned"))
+        return np.atleast_1d(numbers(self._function(t, q_of(state), v), "what the law returned"))
 
     def next_switch(self, t: float) -> float | None:
         """The next of the times given."""
@@ -188,13 +202,9 @@ class Delayed(ControlLaw):
     def __init__(self, law: ControlLaw, start: float) -> None:
         self.law, self.start, self.everywhere = law, start, law.everywhere
 
-    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
+    def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """The law's efforts at t − start."""
-        return self.law.torque(self._clock(t), q, v, near)
-
-    def torque_at(self, t: float, state: State, v: Array) -> Array:
-        """The law's efforts at t − start."""
-        return effort_at(self.law, self._clock(t), state, v)
+        return self.law.torque(self._clock(t), state, v)
 
     def next_switch(self, t: float) -> float | None:
         """The law's next switch, on the clock outside."""
@@ -276,20 +286,9 @@ class ModelLaw(ControlLaw):
         """The State at q, on the branch of `near`, the law's own by default."""
         return self.model.at(q, self.near if near is None else near)
 
-    def own(self, state: State) -> State:
-        """The State of the law's model at the q of one that may be of another model, a plant's."""
+    def own(self, state: State | Measurement) -> State:
+        """The State of the law's model at the q of a State, which may be of another model (a plant's), or measured."""
         return of_own(self.model, state, self.near)
-
-    def torque(self, t: float, q: Array, v: Array, near: Near = None) -> Array:
-        """`torque_at` the State found from `near`, the law's own by default; errors as for `ReducedModel.at`.
-
-        A configuration that cannot be closed, such as a plant's whose rods are of other lengths, shortens nothing.
-        """
-        try:
-            state = self.state(q, near)
-        except InvalidInputError:
-            state = self.state(q)
-        return self.torque_at(t, state, v)
 
 
 class SetPointLaw(ModelLaw):
@@ -339,7 +338,7 @@ class SetPointLaw(ModelLaw):
 
     def _feedback(self, q: Array, v: Array) -> Array:
         """K_p q̃ − K_v q̇, of shape (n,)."""
-        return np.asarray(self.K_p @ self.error(q) - self.K_v @ v)
+        return np.asarray(self.K_p @ self.error(q) - self.K_v @ vector(v, "v", self.model.n))
 
 
 class PDSimpleGravity(SetPointLaw):
@@ -349,16 +348,9 @@ class PDSimpleGravity(SetPointLaw):
     independent joints).
     """
 
-    def torque(self, t: float, q: Array, v: Array, near: Near = None) -> Array:
+    def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """u = K_p q̃ − K_v q̇ + g(q_d) (28)."""
-        if self.model.actuation is not None:
-            return super().torque(t, q, v, near)
-        q, v = checked_q(self.model.coordinates, q), vector(v, "v", self.model.n)
-        return self._feedback(q, v) + self.gravity_d
-
-    def torque_at(self, t: float, state: State, v: Array) -> Array:
-        """u = K_p q̃ − K_v q̇ + g(q_d) (28)."""
-        force = self._feedback(state.q, v) + self.gravity_d
+        force = self._feedback(checked_q(self.model.coordinates, q_of(state)), v) + self.gravity_d
         return force if self.model.actuation is None else self.own(state).efforts(force)
 
     def statement(self) -> Statement:
@@ -369,7 +361,7 @@ class PDSimpleGravity(SetPointLaw):
 class PDFullGravity(SetPointLaw):
     """PD with full gravity compensation (30): u = K_p q̃ − K_v q̇ + g(q); needs σ(q)."""
 
-    def torque_at(self, t: float, state: State, v: Array) -> Array:
+    def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """u = K_p q̃ − K_v q̇ + g(q) (30)."""
         own = self.own(state)
         return own.efforts(self._feedback(state.q, v) + own.g)
@@ -467,13 +459,9 @@ class CoulombCompensation(ControlLaw):
         self._level = np.array(np.broadcast_to(level, (model.n,)))
         self._direction = None if q_start is None else np.sign(law.error(checked_q(model.coordinates, q_start)))
 
-    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
+    def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """The PD law's efforts plus the compensation, of shape (motors,)."""
-        return self._law.torque(t, q, v, near) + self._compensation(q)
-
-    def torque_at(self, t: float, state: State, v: Array) -> Array:
-        """The PD law's efforts plus the compensation, of shape (motors,)."""
-        return effort_at(self._law, t, state, v) + self._compensation(state.q)
+        return self._law.torque(t, state, v) + self._compensation(q_of(state))
 
     def next_switch(self, t: float) -> float:
         """Never: time does not enter."""

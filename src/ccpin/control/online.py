@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, positive, whole
-from ccpin.control.laws import ControlLaw
+from ccpin.control.laws import ControlLaw, Measurement, q_of
 from ccpin.control.tracking import TrackingLaw
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import State
@@ -202,12 +202,13 @@ class OnlineLaw(ControlLaw):
         self.law = law
         self.online = online
 
-    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
-        """The motors' efforts of the sample at time t, of shape (motors,); it knows no `near` but its own σ.
+    def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
+        """The motors' efforts of the sample at time t, of shape (motors,); of where it is given it reads q alone.
 
         Raises:
             InvalidInputError: Samples out of order.
         """
+        q = q_of(state)
         sample = self.online.update(t, q)
         if sample.outcome == "lost":
             return self.law.brake(v, sample.state)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ccpin.arrays import Array, numbers
-from ccpin.control.laws import ControlLaw
+from ccpin.control.laws import ControlLaw, Measurement
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
@@ -102,7 +102,7 @@ class ContinuousCommands:
 
     def effort(self, t: float, state: State, v: Array) -> Array:
         """u = law(t, q, q̇)."""
-        return self.law.torque_at(t, state, v)
+        return self.law.torque(t, state, v)
 
     def next_switch(self, t: float) -> float | None:
         """The law's."""
@@ -201,10 +201,8 @@ class SampledCommands:
         if self._differentiates:
             slope = self._coordinates.difference(self._reading, reading) / self._sampling.period
             velocity = self._velocity + self._gain * (slope - self._velocity)
-        if not self._encodes and state.model is self._model:
-            u = np.array(self.law.torque_at(t, state, velocity))
-        else:
-            u = np.array(self.law.torque(t, reading, velocity, q_free))
+        seen = not self._encodes and state.model is self._model
+        u = np.array(self.law.torque(t, state if seen else Measurement(reading, q_free), velocity))
         self._reading, self._velocity = reading, velocity
         self._pending.append(np.clip(u, -self._limit, self._limit))
         self._held = self._pending.popleft()

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, vector
-from ccpin.control.laws import ControlLaw, of_own
+from ccpin.control.laws import ControlLaw, Measurement, of_own
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import State
 from ccpin.errors import UnsupportedMechanismError
@@ -59,11 +59,7 @@ class Servos(ControlLaw):
         self._v = np.array([joint.v.start for joint in joints], dtype=np.intp)
         self._lower, self._upper = motors.limits.T
 
-    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
-        """`torque_at` the State at q."""
-        return self.torque_at(t, self.model.at(q, near), v)
-
-    def torque_at(self, t: float, state: State, v: Array) -> Array:
+    def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """u, of shape (motors,)."""
         inputs = np.clip(vector(self._inputs(t), "inputs", self.model.n_actuated), *self._inputs_within)
         own = of_own(self.model, state, None)

@@ -1,7 +1,7 @@
 """Tracking laws for a smooth reference: computed torque, PD+ (Paden–Panja) and PD with on-line gravity.
 
-All of them need σ(q) and ρ on line. `torque` finds them with the library's σ, from the configuration it is given;
-`torque_at` reads a State; `torque_with` takes a measured q beside a State that may be another's, which is how on-line
+All of them need σ(q) and ρ on line. `torque` reads them from the State it is given, or finds them with the library's σ
+where q is only measured; `torque_with` takes a measured q beside a State that may be another's, which is how on-line
 solvers (`ccpin.control.online`) and injected errors come in. Laws are pure functions of their arguments.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, vector
-from ccpin.control.laws import ControlLaw, ModelLaw
+from ccpin.control.laws import ControlLaw, Measurement, ModelLaw, q_of
 from ccpin.control.references import Reference, ReferenceState, require_commuting
 from ccpin.control.statements import LawKind, Statement, speaks_for
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
@@ -30,7 +30,7 @@ class TrackingLaw(ModelLaw):
         reference: q_d(t).
         K_p: Gains on e: (n,) for a diagonal matrix, or symmetric positive definite (n, n). Units: see each law.
         K_v: Gains on ė, alike.
-        near: Chooses the assembly mode of σ(q_d(0)), which is where σ starts when `torque` gets none nearer.
+        near: Chooses the assembly mode of σ(q_d(0)), which is where σ starts when `torque` gets nothing nearer.
 
     Raises:
         InvalidInputError: Gains of the wrong shape or not symmetric positive definite.
@@ -60,9 +60,10 @@ class TrackingLaw(ModelLaw):
         """Where the reference passes from one piece to the next."""
         return self.reference.next_switch(t)
 
-    def torque_at(self, t: float, state: State, v: Array) -> Array:
+    def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """The motors' efforts at (q, q̇), of shape (motors,)."""
-        return self.torque_with(t, state.q, v, self.own(state))
+        own = self.own(state)
+        return self.torque_with(t, q_of(state), v, own)
 
     def torque_with(self, t: float, q: Array, v: Array, state: State) -> Array:
         """The motors' efforts at a measured (q, q̇), with σ, ρ and the model of a State that may lie elsewhere.
@@ -162,11 +163,7 @@ class WithSigmaError(ControlLaw):
         self.law = instance(law, "law", TrackingLaw)
         self.offset = vector(offset, "offset", law.model.mechanism.n_free)
 
-    def torque(self, t: float, q: Array, v: Array, near: Near = None) -> Array:
-        """`torque_at` the State found from `near`, q_d(0)'s by default; errors as there."""
-        return self.torque_at(t, self.law.state(q, near), v)
-
-    def torque_at(self, t: float, state: State, v: Array) -> Array:
+    def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """The law's efforts at (q, q̇), its model terms at σ(q) ⊕ δ.
 
         Raises:
@@ -174,7 +171,7 @@ class WithSigmaError(ControlLaw):
         """
         model, own = self.law.model, self.law.own(state)
         wrong = model.parametrization.at(moved(model.free_system.model, own.q_free, self.offset))
-        return self.law.torque_with(t, state.q, v, State.of(model, state.q, wrong))
+        return self.law.torque_with(t, own.q, v, State.of(model, own.q, wrong))
 
     def next_switch(self, t: float) -> float | None:
         """The law's."""

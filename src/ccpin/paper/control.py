@@ -29,12 +29,12 @@ def _laws(study: Study) -> Iterator[Item]:
 
     def simple(one: Sample) -> float:
         push = np.multiply(K_P, GOAL - one.q) - np.multiply(K_V, one.v) + fixed
-        return apart(study.law.torque(0.0, one.q, one.v, one.state.q_free), push)
+        return apart(study.law.torque(0.0, one.state, one.v), push)
 
     def compensated(one: Sample) -> float:
         gravity = printed.rho(one.q_paper).T @ printed.gravity(one.q_paper)
         push = np.multiply(K_P, GOAL - one.q) - np.multiply(K_V, one.v) + gravity
-        return apart(full.torque(0.0, one.q, one.v, one.state.q_free), push)
+        return apart(full.torque(0.0, one.state, one.v), push)
 
     yield Item(
         "Eq. (28)",

@@ -5,7 +5,7 @@ import pytest
 
 import ccpin
 from ccpin import LoopClosure, MechanismDescription
-from ccpin.control import PDFullGravity
+from ccpin.control import Measurement, PDFullGravity
 from ccpin.description import Inertia, Joint, Link
 from ccpin.description.model import frame
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
@@ -39,7 +39,7 @@ def test_statics_of_a_frame(triangle):
     force = triangle.mechanism.constraints().value(state.q_free).jacobian.T @ state.constraint_forces(none, none)
     np.testing.assert_allclose(force, expected.force, rtol=1e-10)
     assert closure_forces_at(triangle, [], none, none)[0].force.shape == (1, 3)
-    assert PDFullGravity(triangle, [], [], []).torque(0.0, none, none).shape == (0,)
+    assert PDFullGravity(triangle, [], [], []).torque(0.0, Measurement(none), none).shape == (0,)
 
 
 def test_what_needs_motion_is_refused(triangle):

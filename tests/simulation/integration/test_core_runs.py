@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin.control import Measurement
 from ccpin.simulation import Budget, Event
 from ccpin.simulation.integration.run import Run
 from tests.support.agreement import reference_model
@@ -259,7 +260,7 @@ def test_a_law_stated_in_the_coordinates_takes_over_where_they_are_good_again():
     motion = moving.run(0.52, sample_period=1e-3)
     assert motion.status == "finished"
     for q, v, u, q_free in zip(motion.q, motion.v, motion.u, motion.q_free, strict=True):
-        np.testing.assert_allclose(u, law.torque(0.0, q, v, q_free), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(u, law.torque(0.0, Measurement(q, q_free), v), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("watched", ["region", "event"])

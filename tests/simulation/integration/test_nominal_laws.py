@@ -12,7 +12,7 @@ import pytest
 
 import ccpin
 from ccpin import control
-from ccpin.control import Sampling
+from ccpin.control import Measurement, Sampling
 from ccpin.control.laws import Delayed, NoTorque
 from ccpin.description import scaled
 
@@ -58,7 +58,7 @@ LAWS = {
 
 
 def as_function(law, breaks):
-    return control.TorqueFunction(law.torque, switching_times=breaks)
+    return control.TorqueFunction(lambda t, q, v: law.torque(t, Measurement(q), v), switching_times=breaks)
 
 
 def compare(name, seed, sampling=None):
@@ -75,7 +75,7 @@ def compare(name, seed, sampling=None):
     spent = between - began, time.perf_counter() - between
     assert found.status == alone.status == "finished"
     if sampling is None:
-        u = np.array([law.torque(t, q, v) for t, q, v in zip(found.t, found.q, found.v, strict=True)])
+        u = np.array([law.torque(t, Measurement(q), v) for t, q, v in zip(found.t, found.q, found.v, strict=True)])
         inside = np.setdiff1d(np.arange(len(u)), np.searchsorted(found.t, breaks))
         np.testing.assert_allclose(found.u[inside], u[inside], rtol=0, atol=1e-12 * (1.0 + np.abs(u).max()))
     np.testing.assert_allclose(found.q, alone.q, rtol=0, atol=1e-9)
@@ -124,31 +124,29 @@ def test_a_law_that_does_not_know_the_plant_rests_elsewhere():
 class Halved(control.PDFullGravity):
     """A law of a user's own that changes what another one says."""
 
-    def torque(self, t, q, v, near=None):
+    def torque(self, t, state, v):
         """Half of it."""
-        return 0.5 * super().torque(t, q, v, near)
+        return 0.5 * super().torque(t, state, v)
 
 
 @pytest.mark.parametrize("wrapped", [False, True])
 @pytest.mark.parametrize("sampling", [None, Sampling(period=0.001)])
 def test_an_overridden_torque_is_what_acts(rpdr_model, wrapped, sampling):
-    """It was ignored, as the simulation asked `torque_at`."""
+    """It was ignored where the simulation asked another method."""
     law = Halved(rpdr_model, GOAL, 30.0, 3.0)
     used = control.CoulombCompensation(law, 0.0) if wrapped else law
     options = {"duration": 0.05, "sample_period": 0.01, "sampling": sampling, "max_step": 0.01}
     found = ccpin.simulate(rpdr_model, used, START, **options)
     wanted = ccpin.simulate(rpdr_model, as_function(law, ()), START, **options)
     np.testing.assert_allclose(found.q, wanted.q, rtol=0, atol=1e-12)
-    assert (
-        np.abs(found.u[0] - control.PDFullGravity(rpdr_model, GOAL, 30.0, 3.0).torque(0.0, START, np.zeros(2))).max()
-        > 0.1
-    )
+    unhalved = control.PDFullGravity(rpdr_model, GOAL, 30.0, 3.0).torque(0.0, rpdr_model.at(START), np.zeros(2))
+    assert np.abs(found.u[0] - unhalved).max() > 0.1
 
 
 def test_an_overridden_torque_of_one_law_alone_is_what_acts(rpdr_model):
     """Bound to the instance rather than its class."""
     law = control.PDFullGravity(rpdr_model, GOAL, 30.0, 3.0)
-    law.torque = lambda t, q, v, near=None: np.zeros(2)
+    law.torque = lambda t, state, v: np.zeros(2)
     assert not ccpin.simulate(rpdr_model, law, START, duration=0.01).u.any()
 
 

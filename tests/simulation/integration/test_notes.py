@@ -36,7 +36,7 @@ def limited(tmp_path):
 def test_who_stepped_it(rpdr_model, law):
     """The core where it can; else what it does not step is named."""
     named = type("Named", (control.PDSimpleGravity,), {})(rpdr_model, GOAL, 11.0, 0.6)
-    half = {"torque_at": lambda self, t, state, v: 0.5 * control.PDSimpleGravity.torque_at(self, t, state, v)}
+    half = {"torque": lambda self, t, state, v: 0.5 * control.PDSimpleGravity.torque(self, t, state, v)}
     own = type("MyLaw", (control.PDSimpleGravity,), half)(rpdr_model, GOAL, 11.0, 0.6)
     watch = Event(lambda t, state, v: state.q[0], "there")
     for controller, options, said in (

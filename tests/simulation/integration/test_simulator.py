@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import ccpin
-from ccpin.control import PDSimpleGravity, Sampling, TorqueFunction
+from ccpin.control import Measurement, PDSimpleGravity, Sampling, TorqueFunction
 from ccpin.control.laws import Delayed, NoTorque
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Budget, Event
@@ -264,7 +264,7 @@ class Raises(ccpin.control.ControlLaw):
     def __init__(self, error):
         self.error = error
 
-    def torque(self, t, q, v, near=None):
+    def torque(self, t, state, v):
         if t > 0.05:
             raise self.error
         return np.zeros(2)
@@ -350,7 +350,7 @@ def test_the_last_sample_is_where_it_stopped(rpdr_model):
 def test_the_acceleration_is_in_the_trajectory(rpdr_model):
     """a at each sample is that of the closed forms under the recorded efforts."""
     law = PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
-    for controller in (law, law.torque):
+    for controller in (law, lambda t, q, v: law.torque(t, Measurement(q), v)):
         motion = ccpin.simulate(rpdr_model, controller, START, duration=0.2, sample_period=0.02)
         for q, v, a, u in zip(motion.q, motion.v, motion.a, motion.u, strict=True):
             D, C, g = oracle.reduced_terms(oracle.sigma(q, 1), v)
@@ -366,7 +366,7 @@ def test_a_clock_of_its_own_loses_no_switch(seed):
         step = TorqueFunction(lambda t, q, v, at=low: [float(t >= at)], [low, high])
         delayed = Delayed(step, start)
         first = delayed.next_switch(start)
-        assert delayed.torque(first, np.zeros(1), np.zeros(1)) == [1.0]
+        assert delayed.torque(first, Measurement(np.zeros(1)), np.zeros(1)) == [1.0]
         second = delayed.next_switch(first)
         assert first < second < delayed.next_switch(second) == np.inf
 

@@ -146,7 +146,7 @@ def test_driving_into_a_singularity_keeps_the_data(model):
     """A law that stretches the loop ends as singular, not as an exception; the samples stay closed."""
 
     class Stretching(ccpin.control.ControlLaw):
-        def torque(self, t, q, v, near=None):
+        def torque(self, t, state, v):
             return np.array([-4.0, 4.0])
 
     motion = ccpin.simulate(model, Stretching(), np.radians([-90.0, -90.0]), duration=1.0)
@@ -187,7 +187,7 @@ def test_a_failing_controller_keeps_the_data(model):
     """A CcpinError inside the law ends the motion as failed with its message."""
 
     class Broken(ccpin.control.ControlLaw):
-        def torque(self, t, q, v, near=None):
+        def torque(self, t, state, v):
             if t > 0.05:
                 raise CcpinError("the sensor fell off")
             return np.zeros(2)
@@ -202,7 +202,7 @@ def test_an_interrupted_motion_keeps_the_data(model):
     """Ctrl-C inside the run returns what was computed."""
 
     class Interrupted(ccpin.control.ControlLaw):
-        def torque(self, t, q, v, near=None):
+        def torque(self, t, state, v):
             if t > 0.05:
                 raise KeyboardInterrupt
             return np.zeros(2)

@@ -152,9 +152,9 @@ def test_whatever_else_is_called_can_only_read(rpdr_model):
         return True
 
     class Own(control.ControlLaw):
-        def torque(self, t, q, v, near=None):
-            spoil(q, v, near)
-            return honest(t, q, v)
+        def torque(self, t, state, v):
+            spoil(state.q, v, state.q_free)
+            return honest(t, state.q, v)
 
     plain = ccpin.simulate(rpdr_model, honest, START, **OPTIONS)
     for law in (Own(), honest):

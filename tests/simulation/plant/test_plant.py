@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 
 import ccpin
 from ccpin import Simulator
-from ccpin.control import PDSimpleGravity, Sampling
+from ccpin.control import Measurement, PDSimpleGravity, Sampling
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Contact, Disturbance, Limits, MotorModel, Push
 from ccpin.simulation.integration.run import Run
@@ -145,12 +145,12 @@ def test_motors_saturate_by_default():
     q0 = model.alpha(model.mechanism.q_reference)
     law = PDSimpleGravity(model, q0 + 0.05, np.full(6, 4e5), np.full(6, 4e3))
     motion = ccpin.simulate(model, law, q0, duration=0.05, rtol=1e-8)
-    assert np.abs(law.torque(0.0, q0, np.zeros(6))).max() > 2e4
+    assert np.abs(law.torque(0.0, Measurement(q0), np.zeros(6))).max() > 2e4
     assert np.abs(motion.u).max() == 2000.0
     assert any("saturated" in event.name or "within" in event.name for event in motion.events)
 
     def cut(t, q, v):
-        return np.clip(law.torque(t, q, v), -2000.0, 2000.0)
+        return np.clip(law.torque(t, Measurement(q), v), -2000.0, 2000.0)
 
     by_hand = ccpin.simulate(model, cut, q0, duration=0.05, rtol=1e-8, limits=Limits(effort="ignore"))
     np.testing.assert_allclose(motion.q, by_hand.q, rtol=0, atol=1e-7)

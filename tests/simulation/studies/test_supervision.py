@@ -160,10 +160,10 @@ def test_ctrl_c_stops_all_of_it(rpdr_model, error, status):
         def __init__(self, law):
             self.law = law
 
-        def torque(self, t, q, v, near=None):
+        def torque(self, t, state, v):
             if t > 0.5:
                 raise error
-            return self.law.torque(t, q, v, near)
+            return self.law.torque(t, state, v)
 
     motion = supervise(
         rpdr_model,

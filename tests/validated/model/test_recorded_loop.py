@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin.control import Measurement
 from ccpin.description import CLOSURE_KINDS
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
@@ -38,7 +39,7 @@ def test_recorded_dynamics(name, stated):
         loop = recorded_loop(model, controller)
         q_free = model.sigma(q_d + 0.05 * rng.normal(size=n))
         q, v = model.alpha(q_free), rng.normal(size=n)
-        u = np.zeros(model.n_actuated) if controller is None else controller.torque(0.0, q, v, q_free)
+        u = np.zeros(model.n_actuated) if controller is None else controller.torque(0.0, Measurement(q, q_free), v)
         expected = np.concatenate([model.rho(q_free) @ v, model.forward_dynamics(q, v, u, q_free)])
         found = numbers(values(loop.field, balls(q_free, v)))
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * max(1.0, np.abs(expected).max()))

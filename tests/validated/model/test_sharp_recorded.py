@@ -47,7 +47,7 @@ def compare(model, controller=None, seed=1, tolerance=1e-10):
     state, v = random_state(model, seed)
     loop = recorded_loop(model, controller, state.q_free)
     start = balls(loop.numbers(state.q_free), v)
-    u = np.zeros(model.n_actuated) if controller is None else controller.torque(0.0, state.q, v, state.q_free)
+    u = np.zeros(model.n_actuated) if controller is None else controller.torque(0.0, state, v)
     expected = np.concatenate([x_rate(loop, state, v), state.forward_dynamics(v, u)])
     scale = max(1.0, np.abs(expected).max())
     np.testing.assert_allclose(numbers(values(loop.field, start)), expected, rtol=0, atol=tolerance * scale)
@@ -171,7 +171,7 @@ def test_laws_that_are_not_known_are_refused(rpdr_model):
 class Silent(ccpin.control.ControlLaw):
     """A law that says nothing of itself."""
 
-    def torque(self, t, q, v, q_free=None):
+    def torque(self, t, state, v):
         return np.zeros(2)
 
 
@@ -249,7 +249,7 @@ def test_the_lyapunov_function_and_held_efforts(rpdr_model):
     potential = rpdr_model.energy(law.q_d, np.zeros(2), law.q_free_d).potential
     assert told == pytest.approx(law.lyapunov(state.q, v, state.q_free) + potential, abs=1e-10)
     held = recorded_loop(rpdr_model, law, state.q_free, held=True)
-    u = law.torque(0.0, state.q, v, state.q_free)
+    u = law.torque(0.0, state, v)
     start = [*balls(held.numbers(state.q_free), v), ball(0), ball(0)]
     np.testing.assert_allclose(numbers(values(held.efforts, start)), u, atol=1e-11)
     other = np.array([0.3, -0.2])

@@ -77,7 +77,7 @@ def test_jets_are_derivatives(loop, rpdr_model):
 
     def rate(s):
         state = rpdr_model.at(s[:2], centre)
-        return rpdr_model.forward_dynamics(state.q, s[2:], law.torque(0.0, state.q, s[2:]), state.q_free)
+        return rpdr_model.forward_dynamics(state.q, s[2:], law.torque(0.0, state, s[2:]), state.q_free)
 
     for k in range(3):
         centre, start, step = configurations(Q)[k], np.append(Q[k], v[k]), 1e-4 * np.eye(4)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, numbers
-from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction, effort_at
+from ccpin.control.laws import ControlLaw, Measurement, NoTorque, TorqueFunction
 from ccpin.control.statements import Statement
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
@@ -44,7 +44,7 @@ class HeldEffort(ControlLaw):
     def __init__(self, effort: Array) -> None:
         self.effort = effort
 
-    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
+    def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """The effort."""
         return self.effort
 
@@ -75,15 +75,14 @@ class CheckedLaw(ControlLaw):
         self._law, self._model, self._reported = law, model, reported
         self._motors, self._size = model.mechanism.actuated, model.n_actuated
 
-    def torque(self, t: float, q: Array, v: Array, near: Array | None = None) -> Array:
+    def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """The law's, if it is of the motors' number."""
-        return self._sized(self._law.torque(t, frozen(q), frozen(v), near))
-
-    def torque_at(self, t: float, state: State, v: Array) -> Array:
-        """The same at a State."""
-        if state.model is not self._model:
-            return self.torque(t, *self._reported(state, v))
-        return self._sized(effort_at(self._law, t, state, frozen(v)))
+        if isinstance(state, State) and state.model is not self._model:
+            q, v, q_free = self._reported(state, v)
+            state = Measurement(q, q_free)
+        if isinstance(state, Measurement):
+            state = state._replace(q=frozen(state.q))
+        return self._sized(self._law.torque(t, state, frozen(v)))
 
     def next_switch(self, t: float) -> float | None:
         """The law's."""

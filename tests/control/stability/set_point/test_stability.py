@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 import ccpin
 from ccpin import plotting
-from ccpin.control import PDFullGravity, PDSimpleGravity, certify_set_point, suggest_gains
+from ccpin.control import Measurement, PDFullGravity, PDSimpleGravity, certify_set_point, suggest_gains
 from ccpin.control.stability.set_point.gains import gravity_slope_over
 from ccpin.control.stability.set_point.starting_cells import cells_of_atlas
 from ccpin.control.stability.set_point.theorem3 import certify_law
@@ -556,7 +556,7 @@ def test_gains_are_held_against_the_motors(rpdr):
     gains = refused.value.gains
     law = PDSimpleGravity(ccpin.ReducedModel(weak), GOAL, gains.K_p, gains.K_v)
     corners = [GOAL + half * np.array(signs) for signs in ((-1, -1), (-1, 1), (1, -1), (1, 1))]
-    asked = np.abs([law.torque(0.0, q, np.zeros(2)) for q in corners]).max(axis=0)
+    asked = np.abs([law.torque(0.0, Measurement(q), np.zeros(2)) for q in corners]).max(axis=0)
     np.testing.assert_allclose(gains.effort, asked, rtol=1e-6)
     assert "joint2" not in str(refused.value)
     assert suggest_gains(ccpin.ReducedModel(rpdr), GOAL, atlas).effort_limit.shape == (2,)
@@ -571,7 +571,7 @@ def test_effort_of_motors_elsewhere_bounds_what_is_asked_anywhere(motors):
     gains = suggest_gains(model, GOAL, atlas)
     law = PDSimpleGravity(model, GOAL, gains.K_p, gains.K_v)
     signs = np.array([(s, t) for s in (-1, 0, 1) for t in (-1, 0, 1)])
-    asked = np.abs([law.torque(0.0, GOAL + half * sign, np.zeros(2)) for sign in signs]).max(axis=0)
+    asked = np.abs([law.torque(0.0, Measurement(GOAL + half * sign), np.zeros(2)) for sign in signs]).max(axis=0)
     assert gains.effort.shape == (len(motors),)
     assert np.all(asked <= gains.effort)
     assert np.all(gains.effort < 50.0 * asked.max())

@@ -412,7 +412,7 @@ def test_what_the_theorem_is_about(monkeypatch, wrong):
         mechanism=SimpleNamespace(name="m"), coordinates=coordinates, actuation=wrong.get("actuation")
     )
     if "law" in wrong:
-        made = object.__new__(type("Other", (TrackingLaw,), {"torque_at": lambda *_: None, "_force": lambda *_: None}))
+        made = object.__new__(type("Other", (TrackingLaw,), {"torque": lambda *_: None, "_force": lambda *_: None}))
     else:
         made = object.__new__(ComputedTorque)
     object.__setattr__(made, "model", model)

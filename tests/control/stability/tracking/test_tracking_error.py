@@ -182,14 +182,14 @@ def test_the_storage_function_falls_as_it_should(law_class):
             found = storage_of(law, plan, affine(at.D[None]), affine(at.C(v)[None]), affine(at.damping[None]))
             return found, np.concatenate([law.reference.at(t).q - q, law.reference.at(t).v - v])
 
-        u = WithSigmaError(law, offset).torque_at(t, state, v)
+        u = WithSigmaError(law, offset).torque(t, state, v)
         a, h = state.forward_dynamics(v, u), 1e-5
         values = []
         for s in (-h, h):
             found, x = storage(t + s, q + s * v + 0.5 * s * s * a, v + s * a)
             values.append(x @ found.P.mid[0] @ x)
         found, x = storage(t, q, v)
-        gap = u - law.torque_at(t, state, v)
+        gap = u - law.torque(t, state, v)
         delta = np.linalg.solve(state.D, gap) if law_class is ComputedTorque else gap
         expected = -x @ found.W.mid[0] @ x - x @ found.S @ delta
         assert (values[1] - values[0]) / (2.0 * h) == pytest.approx(expected, rel=1e-4)
