@@ -149,7 +149,8 @@ ROOMS: tuple[Room, ...] = (
         ),
         _WELLS,
     ),
-    Room("control/stability/tracking/deviation", ("Deviation.size", "_motion", "thickened"), _TRACKING),
+    Room("control/stability/tracking/deviation", ("Deviation.size", "thickened"), _TRACKING),
+    Room("control/stability/tracking/error_equations", ("_with_feedback",), _TRACKING),
     Room(
         "control/stability/tracking/on_line",
         ("online_demand", "_speed", "_newton", "_worst"),
@@ -234,9 +235,9 @@ EXCUSED: tuple[Excused, ...] = (
         "control/stability/tracking/deviation", ("_NUMBERS", "deviation_of"), "how many cells are bounded at a time"
     ),
     Excused(
-        "control/stability/tracking/storage",
-        ("_DECAYS", "_CROSS", "_KEPT", "plan_for", "_ellipsoids"),
-        "plans that are tried: `gain` and `widths` bound what any of them gives",
+        "control/stability/tracking/error_equations",
+        ("_DECAYS", "_CROSS", "_KEPT", "choice_for", "_ellipsoids", "_crossed"),
+        "storage functions that are tried: `gain` and `widths` bound what any of them gives",
     ),
     Excused("control/stability/tracking/tube_search", ("_FIRST", "_MORE"), "how rooms grow that are tried"),
     Excused("control/stability/tracking/tube_search", ("TubeSearch.__init__",), "counts rounds, for words"),

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from ccpin.control import ComputedTorque, PDPlus
-from ccpin.control.stability.tracking import deviation, on_line, tracking_error, tube_search
-from ccpin.control.stability.tracking.deviation import Deviation, _motion, thickened
+from ccpin.control.stability.tracking import deviation, error_equations, on_line, tracking_error, tube_search
+from ccpin.control.stability.tracking.deviation import Deviation, thickened
+from ccpin.control.stability.tracking.error_equations import equation_of
 from ccpin.control.stability.tracking.on_line import _speed, _worst, online_demand
 from ccpin.control.stability.tracking.reference_tube import CellForms
 from ccpin.control.stability.tracking.tube_search import Levels, TubeSearch, _reached
@@ -71,9 +72,9 @@ def test_what_a_law_computes_of(monkeypatch):
     """Computed torque: q̇, q̇ and q̈_d + K_v ė + K_p e; PD+: q̇, q̇_d and q̈_d."""
     at = states()
     K_p, K_v = np.array([[4.0, 1.0], [1.0, 3.0]]), np.array([[2.0, 0.5], [0.5, 1.0]])
-    monkeypatch.setattr(deviation, "kind_of", lambda law: law.kind)
+    monkeypatch.setattr(error_equations, "kind_of", lambda law: law.kind)
     law = SimpleNamespace(K_p=K_p, K_v=K_v, kind="computed_torque")
-    found = _motion(law, at)
+    found = equation_of(law).motion(law, at)
     for part in ("mid", "lin"):
         e, e_dot, a_d = (getattr(x, part) for x in (at.e, at.e_dot, at.a_d))
         np.testing.assert_allclose(getattr(found[2], part), a_d + e @ K_p + e_dot @ K_v, rtol=1e-12)
@@ -81,7 +82,7 @@ def test_what_a_law_computes_of(monkeypatch):
     np.testing.assert_allclose(found[2].rad, np.tile(least, (2, 1)), rtol=1e-9)
     assert found[0] is found[1] is at.v
     plus = SimpleNamespace(kind="pd_plus")
-    assert _motion(plus, at)[:3] == (at.v, at.v_d, at.a_d)
+    assert equation_of(plus).motion(plus, at)[:3] == (at.v, at.v_d, at.a_d)
 
 
 def test_cells_thickened_by_errors_of_sigma():
@@ -406,7 +407,7 @@ def test_bounds_that_are_given():
 def test_what_the_theorem_is_about(monkeypatch, wrong):
     """Scalar coordinates that stay, and motors on them."""
     kinds = {ComputedTorque: "computed_torque", PDPlus: "pd_plus"}
-    monkeypatch.setattr(tracking_error, "kind_of", lambda law: kinds.get(type(law)))
+    monkeypatch.setattr(error_equations, "kind_of", lambda law: kinds.get(type(law)))
     coordinates = SimpleNamespace(scalar=wrong.get("scalar", True), constant=wrong.get("constant", True))
     model = SimpleNamespace(
         mechanism=SimpleNamespace(name="m"), coordinates=coordinates, actuation=wrong.get("actuation")

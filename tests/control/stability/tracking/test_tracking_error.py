@@ -19,8 +19,9 @@ from ccpin.control import (
     largest_sigma_error,
 )
 from ccpin.control.online import capped_sigma
+from ccpin.control.stability.tracking.error_equations import choice_for
 from ccpin.control.stability.tracking.reference_tube import tube_of
-from ccpin.control.stability.tracking.storage import floor, plan_for, storage_of
+from ccpin.control.stability.tracking.storage import floor, storage_of
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.proof.balls import Affine, affine
 from tests.support.paper import GOAL, START
@@ -199,7 +200,7 @@ def test_the_storage_function_falls_as_it_should(law_class):
 def _plan(law):
     """A plan from the model at the start."""
     state = law.near
-    return plan_for(law, np.ones(2), state.D[None], state.C(np.ones(2))[None], state.damping[None])
+    return choice_for(law, np.ones(2), state.D[None], state.C(np.ones(2))[None], state.damping[None])
 
 
 def test_floor_is_below():

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.control.laws import kind_of
-from ccpin.control.stability.tracking.motion_bounds import Motion, Reduced
+from ccpin.control.stability.tracking.error_equations import equation_of
+from ccpin.control.stability.tracking.motion_bounds import Reduced
 from ccpin.control.stability.tracking.reference_tube import CellForms, ReferenceTube
 from ccpin.control.tracking import TrackingLaw
-from ccpin.proof.balls import Affine, affine, inverse, joined, product
+from ccpin.proof.balls import Affine, affine, inverse, joined
 from ccpin.proof.rounding import SLACK
 
 _NUMBERS = 4e6  # in the largest array of one chunk
@@ -62,23 +62,16 @@ def deviation_of(law: TrackingLaw, tube: ReferenceTube, states: CellForms, sigma
 
 
 def _part(law: TrackingLaw, tube: ReferenceTube, states: CellForms, sigma_error: float) -> Deviation:
-    closed = Reduced(tube.problem, tube.masses, states.theta)
+    equation, closed = equation_of(law), Reduced(tube.problem, tube.masses, states.theta)
     around = thickened(tube, states, sigma_error)
-    slope = Reduced(tube.problem, tube.masses, around.theta).force_slope(_motion(law, around))
+    slope = Reduced(tube.problem, tube.masses, around.theta).force_slope(equation.motion(law, around))
     count, n = states.e.mid.shape
     unit = np.broadcast_to(np.eye(n), (count, n, n))
-    if kind_of(law) == "pd_plus":
+    if not equation.by_mass:
         return Deviation(slope, unit, closed.inertia, closed.coriolis(states.v), closed.damping)
     grip = inverse(closed.inertia)
     push = grip.solve(affine(unit)).magnitude
     return Deviation(grip.solve(slope), push, closed.inertia, closed.coriolis(states.v), closed.damping)
-
-
-def _motion(law: TrackingLaw, states: CellForms) -> Motion:
-    if kind_of(law) == "pd_plus":
-        return Motion(states.v, states.v_d, states.a_d)
-    feedback = product("ij,kj->ki", law.K_p, states.e) + product("ij,kj->ki", law.K_v, states.e_dot)
-    return Motion(states.v, states.v, states.a_d + feedback)
 
 
 def thickened(tube: ReferenceTube, states: CellForms, sigma_error: float) -> CellForms:

@@ -8,17 +8,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_continuous_lyapunov
 
 from ccpin.arrays import Array
-from ccpin.control.laws import kind_of
 from ccpin.control.tracking import TrackingLaw
 from ccpin.proof.balls import Affine, affine, joined
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 
-_DECAYS = np.geomspace(0.02, 0.98, 40)  # of the largest α there can be: those tried
-_CROSS = np.geomspace(0.01, 0.9, 24)  # of λ_min(K_v)/λ_max(D): the cross terms c tried
-_KEPT = 0.98  # of the α a P was made for: leaves W − αP definite with room
 _CLEAR = 1e-9  # relative: covers the rounding of eigenvalues and of lower bounds
 _DEFINITE = 1e-7  # of matrices with a diagonal of ones: a million times what eigenvalues are computed to
 
@@ -134,41 +129,3 @@ def _inverted(M: Array) -> Array:
     rows = np.flatnonzero(usable)[definite]
     result[rows] = (inverse + off[:, None, None] * SLACK * np.eye(k)) / outer[rows]
     return result
-
-
-def plan_for(law: TrackingLaw, scale: Array, D: Array, C: Array, damping: Array) -> StorageChoice | None:
-    """A plan whose bound of e is about the least, for deviations of these scales and D, C, damping at K places.
-
-    Computed torque: among the smallest ellipsoids that |L⁻¹Δ| ≤ 1 cannot leave, A Y + Y Aᵀ + αY + BL²Bᵀ/α = 0,
-    P = Y⁻¹, that of the least Σ √Y_ii/scale_i. PD+: c and α from a grid.
-    """
-    n = len(scale)
-    if kind_of(law) != "pd_plus":
-        plans = _ellipsoids(law, scale)
-        D, C, damping = D[:1], C[:1], damping[:1]
-    else:
-        largest = float(np.linalg.eigvalsh(law.K_v)[0] / np.linalg.eigvalsh(D)[:, -1].max())
-        plans = [StorageChoice(2.0 * c * share, c, scale, None) for c in largest * _CROSS for share in _DECAYS[::2]]
-    best, least = None, np.inf
-    for plan in plans:
-        storage = storage_of(law, plan, affine(D), affine(C), affine(damping))
-        with np.errstate(all="ignore"):
-            reach = gain(storage, plan)[:, None] * widths(storage)[:, :n] / scale
-        worst = float(reach.sum(axis=1).max())
-        if worst < least:
-            best, least = plan, worst
-    return best
-
-
-def _ellipsoids(law: TrackingLaw, scale: Array) -> list[StorageChoice]:
-    n = len(scale)
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [-law.K_p, -law.K_v]])
-    slowest = -2.0 * float(np.linalg.eigvals(A).real.max())
-    drive = np.zeros((2 * n, 2 * n))
-    drive[n:, n:] = np.diag(scale**2)
-    plans = []
-    for decay in slowest * _DECAYS:
-        Y = solve_continuous_lyapunov(A + 0.5 * decay * np.eye(2 * n), -drive / decay)
-        P = np.linalg.inv(0.5 * (Y + Y.T))
-        plans.append(StorageChoice(_KEPT * decay, 0.0, scale, 0.5 * (P + P.T)))
-    return plans

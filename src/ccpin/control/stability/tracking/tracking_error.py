@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, numbers, positive, whole
-from ccpin.control.laws import kind_of
+from ccpin.control.stability.tracking.error_equations import equation_of
 from ccpin.control.stability.tracking.on_line import OnlineDemand, online_demand
 from ccpin.control.stability.tracking.reference_tube import ReferenceTube, tube_of
 from ccpin.control.stability.tracking.tube_search import TubeSearch
@@ -203,11 +203,7 @@ def _check(law: TrackingLaw) -> None:
     """That the theorem is about this law and mechanism."""
     instance(law, "law", TrackingLaw)
     mechanism, coordinates = law.model.mechanism, law.model.coordinates
-    if kind_of(law) not in ("computed_torque", "pd_plus"):
-        raise UnsupportedMechanismError(
-            f"a {type(law).__name__} does not cancel what it tracks against, so its error is no matter of σ alone: "
-            "certify a ComputedTorque or PDPlus law"
-        )
+    equation_of(law)
     if law.model.actuation is not None:
         raise UnsupportedMechanismError(
             f"{mechanism.name}: the motors sit elsewhere than on the independent joints, so an error of σ changes what "

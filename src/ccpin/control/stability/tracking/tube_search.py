@@ -12,8 +12,9 @@ import numpy as np
 
 from ccpin.arrays import Array, Mask
 from ccpin.control.stability.tracking.deviation import Deviation, deviation_of
+from ccpin.control.stability.tracking.error_equations import choice_for
 from ccpin.control.stability.tracking.reference_tube import ReferenceTube
-from ccpin.control.stability.tracking.storage import StorageChoice, gain, plan_for, storage_of, widths
+from ccpin.control.stability.tracking.storage import StorageChoice, gain, storage_of, widths
 from ccpin.control.tracking import TrackingLaw
 from ccpin.proof.rounding import SLACK
 from ccpin.proof.verdict import Verdict
@@ -114,7 +115,7 @@ class TubeSearch:
         raw = np.linalg.norm(middle.slope.mid, axis=2) * self.sigma_error + middle.push @ self.push
         scale = raw.max(axis=0)
         scale = np.where(scale > 0.0, scale, max(float(scale.max()), 1e-300))
-        return plan_for(self.law, scale, middle.D.mid[rows], middle.C.mid[rows], middle.damping.mid[rows])
+        return choice_for(self.law, scale, middle.D.mid[rows], middle.C.mid[rows], middle.damping.mid[rows])
 
     def _levels(self, deviation: Deviation, room: Array | None = None) -> Levels:
         """The largest v, c_k and what enters each cell, for 4 and 5, where its states are within `room`, (K, 2n)."""
