@@ -8,6 +8,19 @@ _EVERY = "proof/test_sharp_every.py"
 _BOUNDS = ("proof/test_sharp_bounds.py", _EVERY)
 ROOMS: tuple[Room, ...] = (
     Room(
+        "proof/facts",
+        (
+            "sealed",
+            "ProvableClaim.well_formed",
+            "ProvableClaim._count",
+            "require",
+            "_replayed",
+            "prove_some",
+            "_examined",
+        ),
+        ("proof/test_sharp_facts.py",),
+    ),
+    Room(
         "proof/rounding",
         ("SLACK", "LEAST", "ROUNDINGS", "UNIT_ROUNDOFF", "widened", "blur"),
         _BOUNDS,
