@@ -21,6 +21,27 @@ ROOMS: tuple[Room, ...] = (
         ("proof/test_sharp_facts.py",),
     ),
     Room(
+        "proof/solutions",
+        (
+            "TURN",
+            "_PI_OFF",
+            "boxes_of",
+            "_tubes_of",
+            "GluedBoxes.examined",
+            "Met.examined",
+            "_exact",
+            "_placed",
+            "_agree",
+            "_inside",
+        ),
+        ("proof/test_sharp_solutions.py",),
+        (
+            ("_PI_OFF = ", "8.5 × 1.1", "more room for rounding"),
+            ("_PI_OFF = ", "8.5 × 2", "more room for rounding"),
+            ("plain = tubes.plain[self.first] &", "", "which pairs are computed together: `_agree` looks at each"),
+        ),
+    ),
+    Room(
         "proof/rounding",
         ("SLACK", "LEAST", "ROUNDINGS", "UNIT_ROUNDOFF", "widened", "blur"),
         _BOUNDS,
