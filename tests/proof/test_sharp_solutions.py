@@ -1,4 +1,4 @@
-"""Gluing where it is sharp: balls that reach a tube's end, parameters at a box's, roundings of 2π, each row and turn."""
+"""Gluing where it is sharp: balls at a tube's end, parameters at a box's, roundings of 2π, every row and turn."""
 
 from fractions import Fraction
 
@@ -9,7 +9,7 @@ import pytest
 from ccpin.proof import solutions
 from ccpin.proof.facts import NotProvedError, prove, prove_some
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of
-from tests.support.straight import boxes_about, circles, straight
+from tests.support.straight import at_points, boxes_about, circles, straight
 
 U = 2.0**-53
 TURN = 2.0 * np.pi
@@ -17,12 +17,6 @@ TURN = 2.0 * np.pi
 
 def fact_of(equations, boxes):
     return prove(SolutionsInBoxes(equations, *boxes))
-
-
-def at_points(boxes):
-    """The boxes without parameters."""
-    count, size = boxes.centre.shape
-    return boxes._replace(half=np.zeros((count, 0)), directions=np.zeros((count, size, 0)))
 
 
 def numbers(*values):

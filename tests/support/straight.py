@@ -26,22 +26,28 @@ def straight(slope, offset=None):
     )
 
 
-def circles(planar=False):
-    """φ = sin(q + y): what two turns about one axis leave of a direction; both coordinates close on themselves."""
-    still = np.tile(np.eye(3), (2, 1, 1))
-    chain = Chain(
-        np.arange(2), still, np.zeros((2, 3)), np.array([Z, Z]), np.zeros(2, dtype=bool), np.eye(3)[0], True, Y[None]
-    )
+def circles(n=1, planar=False):
+    """φ = sin(q₁ + … + y): what turns about one axis leave of a direction; all coordinates close on themselves."""
+    size = n + 1
+    still, along = np.tile(np.eye(3), (size, 1, 1)), np.tile(Z, (size, 1))
+    slides = np.zeros(size, dtype=bool)
+    chain = Chain(np.arange(size), still, np.zeros((size, 3)), along, slides, np.eye(3)[0], True, Y[None])
     system = ClosureSystem(
         chains=(chain,),
-        couplings=np.zeros((1, 2)),
+        couplings=np.zeros((1, size)),
         offset=np.zeros(1),
         moduli=np.zeros(1),
-        independent=np.array([0]),
-        dependent=np.array([1]),
-        periodic=np.ones(2, dtype=bool),
+        independent=np.arange(n),
+        dependent=np.array([n]),
+        periodic=np.ones(size, dtype=bool),
     )
     return Closures(system, planar)
+
+
+def at_points(boxes):
+    """The boxes without parameters."""
+    count, size = boxes.centre.shape
+    return boxes._replace(half=np.zeros((count, 0)), directions=np.zeros((count, size, 0)))
 
 
 def boxes_about(centre, half, slope, radius, preconditioner=1.0, **others):

@@ -42,6 +42,32 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
+        "proof/covers",
+        (
+            "_NEARLY",
+            "RegionCover.examined",
+            "RegionCover._require_within",
+            "RegionCover._position",
+            "RegionCover._seed",
+            "over_region",
+            "_numbers",
+            "_links",
+            "_keys",
+            "_joined",
+        ),
+        ("proof/test_sharp_regions.py",),
+        (
+            ("tree.reached & (self.child < 0)", "0 let in", "no part is the region: its cell would have two parents"),
+            (
+                'not len(found["unglued"]) and len(found["seed"])',
+                "not asked: len(found['seed'])",
+                "without one no box is reached",
+            ),
+            ("np.minimum(ahead, back)", "", "either tells the pair"),
+            ("require(count**2 < 2**62", "left × 0.5", "a number of 64 bits has room for twice as many"),
+        ),
+    ),
+    Room(
         "proof/rounding",
         ("SLACK", "LEAST", "ROUNDINGS", "UNIT_ROUNDOFF", "widened", "blur"),
         _BOUNDS,
