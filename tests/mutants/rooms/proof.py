@@ -68,6 +68,17 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
+        "proof/paths",
+        ("Followed.examined", "Followed._require_path", "Followed._covered", "follows", "_between", "_links"),
+        ("proof/test_sharp_paths.py",),
+        (
+            ("len(times) > 1 and", "not asked: len(times) > 1", "no stretch has no box that carries the start"),
+            ("len(times) > 1 and", "len(times) > 1: left", "no stretch has no box that carries the start"),
+            ("(1.0 + 8.0 * UNIT_ROUNDOFF)", "8 × 0.9", "1 + 7.2u is 1 + 8u as a double"),
+            ("(1.0 + 8.0 * UNIT_ROUNDOFF)", "8 × 1.1", "1 + 8.8u is 1 + 8u as a double"),
+        ),
+    ),
+    Room(
         "proof/rounding",
         ("SLACK", "LEAST", "ROUNDINGS", "UNIT_ROUNDOFF", "widened", "blur"),
         _BOUNDS,
