@@ -78,6 +78,28 @@ ROOMS: tuple[Room, ...] = (
             ("(1.0 + 8.0 * UNIT_ROUNDOFF)", "8 × 1.1", "1 + 8.8u is 1 + 8u as a double"),
         ),
     ),
+    Room("proof/demanded", ("_LARGEST", "Demanded.examined"), ("proof/test_sharp_demands.py",)),
+    Room(
+        "proof/requirements",
+        (
+            "_ROUNDING",
+            "meets",
+            "passable",
+            "reach",
+            "regular",
+            "dexterous",
+            "conditioning",
+            "_drift",
+            "_whole",
+            "_column",
+            "_first",
+        ),
+        ("proof/test_sharp_demands.py",),
+        (
+            ("rows.size and demands.driven.size", "rows.size", "of no boxes nothing is asked"),
+            ("spread = np.linalg.solve(", "", "any T > 0 will do: it is checked below"),
+        ),
+    ),
     Room(
         "proof/rounding",
         ("SLACK", "LEAST", "ROUNDINGS", "UNIT_ROUNDOFF", "widened", "blur"),
