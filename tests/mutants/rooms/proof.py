@@ -101,6 +101,32 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
+        "proof/newton",
+        (
+            "_ROUNDED",
+            "Boxes.take",
+            "check",
+            "weights_for",
+            "predict",
+            "solve_in_boxes",
+            "_evaluate",
+            "_step",
+            "within",
+        ),
+        ("proof/test_sharp_newton.py",),
+        (
+            ("_ROUNDED = ", "", "room in the κ of proposals, beside the factors that are checked"),
+            ("SLACK * SLACK + _ROUNDED", "without _ROUNDED", "as for the number"),
+            ("plain = np.all(boxes.modes", "", "which boxes are bounded together"),
+            ("np.flatnonzero(alike & ~found.proved)", "not asked: alike", "which boxes are bounded together"),
+            ("weight = np.abs(solve_many(", "", "any w > 0 will do: κ is what it shows"),
+            ("weight = weight / weight.max", "", "any w > 0 will do: κ is what it shows"),
+            ("0.5 * (weight + shrunk)", "", "any w > 0 will do: κ is what it shows"),
+            ("going = np.flatnonzero(~(kappa", "", "when a search for a better w ends"),
+            ("worse = np.flatnonzero(inside &", "not asked: inside", "elsewhere the step is K's already"),
+        ),
+    ),
+    Room(
         "proof/rounding",
         ("SLACK", "LEAST", "ROUNDINGS", "UNIT_ROUNDOFF", "widened", "blur"),
         _BOUNDS,
@@ -135,6 +161,7 @@ ROOMS: tuple[Room, ...] = (
         ("holds", "frame_of", "reached", "noise_of"),
         _BOUNDS,
         (
+            ("np.isfinite(bounds.y + image + shrunk)", "without image", "a Z̄ that is no number fails (N1) too"),
             ("np.isfinite(bounds.y + image + shrunk)", "without shrunk", "a Z that is no number fails (N2) too"),
             (
                 "np.isfinite(bounds.y + image + shrunk)",
@@ -143,7 +170,12 @@ ROOMS: tuple[Room, ...] = (
             ),
         ),
     ),
-    Room("proof/newton", ("in_tubes", "encloses", "without_turns"), _BOUNDS),
+    Room(
+        "proof/newton",
+        ("in_tubes", "encloses", "without_turns"),
+        ("proof/test_sharp_newton.py", *_BOUNDS),
+        (("+ roundings * (unit + size", "without unit", "u of the tube's radius: far below `SLACK`"),),
+    ),
     Room(
         "proof/phasors",
         (
@@ -280,5 +312,7 @@ EXCUSED: tuple[Excused, ...] = (
     Excused(
         "proof/ranges", ("_ROUNDS", "_GAIN", "_Intervals.narrow"), "when narrowing ends: each step of it is proved"
     ),
+    Excused("proof/newton", ("_RADII",), "which radii are tried: `proved_within` checks each"),
+    Excused("proof/bounds", ("Rows",), "a type"),
     Excused("proof/ranges", ("_LEAST_SEEN",), "which slides have a bound worth a search: any σ > 0 bounds"),
 )
