@@ -5,6 +5,7 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _EVERY = "proof/test_sharp_every.py"
+_CHAINS = ("proof/test_sharp_chains.py",)
 _BOUNDS = ("proof/test_sharp_bounds.py", _EVERY)
 ROOMS: tuple[Room, ...] = (
     Room(
@@ -127,6 +128,49 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
+        "proof/chains",
+        (
+            "ClosureSystem.scale",
+            "ClosureSystem.depth",
+            "ClosureSystem.rounding",
+            "ClosureSystem.magnitude",
+            "_largest_row",
+            "stack_chains",
+        ),
+        _CHAINS,
+    ),
+    Room("proof/tips", ("turns_of", "positions", "sweep", "_times", "Rows.sums", "layers"), _CHAINS),
+    Room(
+        "proof/equations",
+        (
+            "problem_of",
+            "_ORTHONORMAL",
+            "Closures.at",
+            "Closures._slope",
+            "Closures._phi",
+            "Closures.bounds",
+            "_sums_of",
+            "_require_sound",
+            "closures_of",
+            "derivatives",
+        ),
+        _CHAINS,
+    ),
+    Room(
+        "proof/phasors",
+        ("_PARALLEL", "phasors_of", "_resolve", "_add_link", "phasor_values"),
+        _CHAINS,
+        (
+            ("if normal is None or not np.any(signs)", "not asked: normal is None", "before a turn no sign is set"),
+            (
+                "if normal is None or not np.any(signs)",
+                "not asked: not np.any(signs)",
+                "a link that no joint turns is still",
+            ),
+        ),
+    ),
+    Room("proof/balls", ("Affine.__sub__", "stacked", "cross"), _CHAINS),
+    Room(
         "proof/rounding",
         ("SLACK", "LEAST", "ROUNDINGS", "UNIT_ROUNDOFF", "widened", "blur"),
         _BOUNDS,
@@ -140,6 +184,7 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "proof/taylor",
         (
+            "Pattern.__init__",
             "taylor_bounds",
             "_mixed",
             "_selected",
@@ -314,5 +359,6 @@ EXCUSED: tuple[Excused, ...] = (
     ),
     Excused("proof/newton", ("_RADII",), "which radii are tried: `proved_within` checks each"),
     Excused("proof/bounds", ("Rows",), "a type"),
+    Excused("proof/balls", ("_ROOMIER",), "any bound will do: `FormInverse.solve` checks it"),
     Excused("proof/ranges", ("_LEAST_SEEN",), "which slides have a bound worth a search: any σ > 0 bounds"),
 )
