@@ -171,6 +171,15 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room("proof/balls", ("Affine.__sub__", "stacked", "cross"), _CHAINS),
     Room(
+        "proof/narrowing",
+        ("_SHARE", "narrowed", "_leaning", "_directions", "_within"),
+        ("proof/test_sharp_candidates.py",),
+        (
+            ("better = _size(", "", "which of two boxes that hold the same is kept"),
+            ("useful = np.flatnonzero(", "", "which slope is taken: the box is as wide as that asks"),
+        ),
+    ),
+    Room(
         "proof/rounding",
         ("SLACK", "LEAST", "ROUNDINGS", "UNIT_ROUNDOFF", "widened", "blur"),
         _BOUNDS,
@@ -359,6 +368,7 @@ EXCUSED: tuple[Excused, ...] = (
     ),
     Excused("proof/newton", ("_RADII",), "which radii are tried: `proved_within` checks each"),
     Excused("proof/bounds", ("Rows",), "a type"),
+    Excused("proof/narrowing", ("_WIDER", "_SMALLER"), "which of two boxes that hold the same is kept"),
     Excused("proof/balls", ("_ROOMIER",), "any bound will do: `FormInverse.solve` checks it"),
     Excused("proof/ranges", ("_LEAST_SEEN",), "which slides have a bound worth a search: any σ > 0 bounds"),
 )
