@@ -19,7 +19,7 @@ from tests.mutants.running import SOURCES, source_of
 _AREAS = (proof, domain, sheets_and_curves, stability, validated, auditing)
 ROOMS: tuple[Room, ...] = tuple(room for area in _AREAS for room in area.ROOMS)
 EXCUSED: tuple[Excused, ...] = tuple(place for area in _AREAS for place in area.EXCUSED)
-WHOLE: tuple[str, ...] = ("auditing", "control/stability", "validated")
+WHOLE: tuple[str, ...] = ("auditing", "control/stability", "proof", "validated")
 
 
 class Mutant(NamedTuple):
