@@ -197,6 +197,21 @@ def test_turned_points_may_be_on_either_side_of_a_border():
         assert (len(set(leaves_about(tree, region, at)[0].tolist())) == 2) == both
 
 
+@pytest.mark.parametrize("far", [-1.05, -0.95, 0.95, 1.05])
+def test_what_a_turned_point_may_be_off_by_is_its_blur(far):
+    """4u (1 + |q|) of a point a thousand turns away, to either side of the border between two halves."""
+    tree = CellTree.whole(1)
+    tree.split(np.array([0]), np.array([0]))
+    q = np.array([[2.0 * np.pi * 1000.3]])
+    off, lower = float(blur(q)[0, 0]), 0.0
+    for _ in range(3):
+        region = Region(np.array([lower]), np.array([lower + 2.0 * np.pi]), np.ones(1, dtype=bool))
+        gap = region.position(np.array([WHOLE // 2]))[0] - region.reduce(q)[0, 0]
+        lower -= gap - far * off
+    assert gap == pytest.approx(far * off, rel=0.01, abs=0.0)
+    assert (len(set(leaves_about(tree, region, q)[0].tolist())) == 2) == (abs(far) < 1.0)
+
+
 def test_trees_grow_by_what_is_put():
     tree, other = grown(np.random.default_rng(5), 2, 3), grown(np.random.default_rng(6), 2, 2)
     leaf, count = int(tree.leaves()[0]), len(tree.child)

@@ -35,11 +35,6 @@ ROOMS: tuple[Room, ...] = (
             ("leaves = np.flatnonzero(self.child < 0)", "0 let in", "no half is the region"),
             ("ended = child < 0", "0 let in", "no half is the region"),
             ("inner = child >= 0", "0 left out", "no half is the region"),
-            (
-                "sides = np.array(list(product(",
-                "",
-                "which leaves are looked at: boxes tell whether they hold a point",
-            ),
             ("if self._count > len(self._buffers[0])", "", "how much room a buffer has"),
         ),
     ),
