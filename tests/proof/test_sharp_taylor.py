@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ccpin.proof import taylor
 from ccpin.proof.bounds import Frame
 from ccpin.proof.newton import Boxes, holds
 from ccpin.proof.taylor import Pattern, Point, selected, taylor_bounds
@@ -191,3 +192,17 @@ def test_theorem_n_at_equality():
     ):
         assert holds(bounds, box(radius, kappa)).proved[0] == proved
     assert holds(bounds, box(0.75, 0.8)).image[0, 0] == 0.5 * 0.75**2
+
+
+@pytest.mark.parametrize("chosen", [(0, 1), (1, 0), (2, 1), (2, 0)])
+def test_selected_coordinates_are_as_any_modes(chosen):
+    """Wherever among the unknowns they are: what pairs one of them with another coordinate is left out."""
+    rng = np.random.default_rng(9)
+    first, other = np.triu_indices(3)
+    pattern = Pattern(np.repeat(np.arange(2), 6), np.tile(np.arange(6), 2), first, other, 3)
+    point = Point(np.zeros((1, 2)), np.zeros((1, 2, 3)), rng.normal(size=(12, 1)), pattern, np.zeros(1))
+    modes = np.eye(3)[:, list(chosen)][None]
+    frame = Frame(rng.normal(size=(1, 2, 2)), np.zeros((1, 3, 1)), modes, np.zeros((1, 1)), np.zeros(1))
+    radius = rng.uniform(1.0, 2.0, (1, 2))
+    found = taylor._selected(point, frame, selected(modes)).times(radius)
+    np.testing.assert_allclose(found, taylor._mixed(point, frame).times(radius), rtol=1e-13)

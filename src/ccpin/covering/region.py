@@ -69,10 +69,9 @@ class Region:
         inside = np.all((turned >= self.lower) & (turned <= self.upper), axis=1)
         scaled = np.where(inside[:, None], (turned - self.lower) / self.span, 0.0)
         found = np.clip(np.floor(scaled * WHOLE), 0, WHOLE - 1)
-        found = np.where(self.held, 0.0, found)
         found -= (found > 0.0) & (turned < self.position(found))  # the quotient is rounded, a border is not
         found += (found < WHOLE - 1) & (turned >= self.position(found + 1.0))
-        return np.where(inside[:, None], found, -1).astype(np.int64)
+        return np.where(inside[:, None], np.where(self.held, 0.0, found), -1).astype(np.int64)
 
     def reduce(self, q: Array) -> Array:
         """Points with their periodic coordinates turned into the region."""

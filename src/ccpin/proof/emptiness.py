@@ -178,7 +178,7 @@ def _legs(system: ClosureSystem, legs: list[tuple[Mask, Chain, Chain]]) -> Platf
         dependent = np.isin(leg.joints, system.dependent)
         k = int(np.argmax(dependent))
         behind = leg.translations[k + 1 :]
-        rigid = dependent.any() and dependent[k:].all() and not leg.prismatic[k:].any() and not np.any(behind)
+        rigid = dependent[k:].all() and not leg.prismatic[k:].any() and not np.any(behind)
         if leg.direction or not rigid or not _seen_whole(leg, leg.weights[rows]):
             return None
         above = {name: getattr(leg, name)[:k] for name in ("joints", "rotations", "translations", "axes", "prismatic")}

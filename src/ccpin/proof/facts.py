@@ -123,7 +123,7 @@ class ProvableClaim:
                 due = int(letter) if letter.isdigit() else lengths.setdefault(letter, length)
                 require(length == due, f"{name} has {length} rows along an axis where {due} are due")
             if form.kind != "b":
-                inside = np.isfinite(array) & (array >= form.least) & (array > form.above) & (array < form.below)
+                inside = (array >= form.least) & (array > form.above) & (array < form.below)  # nor is ∞, or no number
                 if form.axes[:1] == self.rows and form.kind == "f":
                     good_rows &= inside.all(axis=tuple(range(1, array.ndim)))
                 else:

@@ -63,8 +63,9 @@ def narrowed(problem: Problem, boxes: Candidates, inverse: bool = False, regular
         gone = np.any(np.abs(constant) > reach * SLACK, axis=1)
         others = (reach[..., None] - moves + _SHARE * y[..., None]) * SLACK
         middle, width = -constant[..., None] / slope, others / np.abs(slope)
-        low = np.where(np.isfinite(middle + width), middle - width, -np.inf).max(axis=1, initial=-np.inf)
-        high = np.where(np.isfinite(middle + width), middle + width, np.inf).min(axis=1, initial=np.inf)
+        known = np.isfinite(width)
+        low = np.where(known, middle - width, -np.inf).max(axis=1, initial=-np.inf)
+        high = np.where(known, middle + width, np.inf).min(axis=1, initial=np.inf)
     low, high = np.maximum(low, -boxes.half), np.minimum(high, boxes.half)
     gone |= np.any(low > high, axis=1)
     smaller = _within(problem, boxes, low, high)

@@ -30,7 +30,7 @@ def meets(problem: Problem, boxes: Boxes) -> Mask:
 def passable(problem: Problem, boxes: Boxes) -> Mask:
     """Which of B proved boxes keep the limits and are nowhere singular for the motors, of shape (B,)."""
     demands = problem.requirements
-    if demands is None or not len(boxes.kappa):
+    if demands is None:
         return np.ones(len(boxes.kappa), dtype=np.bool_)
     low, high = reach(problem, boxes)
     within = np.asarray(np.all((low >= demands.lower) & (high <= demands.upper), axis=1))
@@ -77,8 +77,7 @@ def conditioning(problem: Problem, demands: Requirements, boxes: Boxes) -> tuple
         least, most = sizes[:, -1], sizes[:, 0]
         error = SLACK * error + _ROUNDING * most
         low, high = (least - error) / (most + error), (least + error) / (most - error)
-    known = np.isfinite(error)
-    return np.where(known, low / SLACK, -np.inf), np.where(known & (error < most), high * SLACK, np.inf)
+    return np.where(np.isfinite(error), low / SLACK, -np.inf), np.where(error < most, high * SLACK, np.inf)
 
 
 def _drift(problem: Problem, boxes: Boxes) -> Array:

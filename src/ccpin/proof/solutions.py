@@ -22,6 +22,7 @@ from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, product_of, sum_of
 
 _PART = 256  # pairs of boxes at once: bounds memory
 TURN = 2.0 * np.pi
+_PI_OFF = 8.5 * UNIT_ROUNDOFF  # 2π as a double is off by 2.21u, a product of it by 2πu a turn at most
 
 
 @provable
@@ -109,7 +110,7 @@ def _tubes_of(equations: Closures, facts: Sequence[Fact], *numbers: Indices) -> 
     p = boxes.half.shape[1]
     across = boxes.directions[:, :, max(p - system.n, 0) :]
     unit = np.broadcast_to(np.eye(system.n), (len(across), system.n, system.n))
-    require(p >= system.n and np.array_equal(across[:, system.independent], unit), "boxes that are no graphs over q")
+    require(np.array_equal(across[:, system.independent], unit), "boxes that are no graphs over q")
     return _GlueBoxes(
         boxes=boxes,
         image=np.concatenate([fact.found["image"] for fact in facts]),
@@ -179,7 +180,6 @@ class Met(ProvableClaim):
 
     def examined(self, *premises: Fact) -> Examined:
         """Lemma G."""
-        require(len(premises) > 1, "points and boxes are needed")
         points, tubes = boxes_of(premises[:1]), _tubes_of(self.equations, premises[1:], self.first, self.second)
         require(points.half.shape[1] == 0 and np.all(self.point < len(points.kappa)), "a point that is none")
         point = points.take(self.point)
@@ -232,7 +232,7 @@ def _placed(
     gap, of_gap = sum_of((here if q is None else q[0]), -here)
     turn = np.where(periodic, np.round(gap / TURN), 0.0)
     left = (gap - TURN * turn) + (of_gap + ((rest if q is None else q[1]) - rest))
-    off = (np.abs(left) + 8.0 * UNIT_ROUNDOFF * np.abs(turn)).max(axis=1, initial=0.0)  # 2π is no double
+    off = (np.abs(left) + _PI_OFF * np.abs(turn)).max(axis=1, initial=0.0)
     size = np.abs(delta)
     size[:, size.shape[1] - here.shape[1] :] += off[:, None]
     base = tubes.boxes.centre[rows] + apply(tubes.boxes.directions[rows], delta)
@@ -249,8 +249,7 @@ def _agree(
     rows, radius, image = here.rows, boxes.radius[here.rows], tubes.image[here.rows]
     residual = apply(boxes.preconditioner[rows], equations.values(here.base))
     share = np.max((np.abs(residual) + tubes.noise[rows]) / (radius - SLACK * image), axis=1, keepdims=True)
-    plain = bool(tubes.plain[rows].all() and tubes.plain[place.rows].all())
-    theta, modes = here.base, None if plain else boxes.modes[rows]
+    theta, modes = here.base, None if tubes.plain[rows].all() else boxes.modes[rows]
     theta[:, dependent] -= residual if modes is None else apply(modes, residual)
     ball = SolutionBall(theta, SLACK * (share * image + tubes.noise[rows]), modes)
     held = here.over & place.over & (share[:, 0] <= 1.0) & _inside(equations, tubes, place, ball)
@@ -260,6 +259,6 @@ def _agree(
 def _inside(equations: Closures, tubes: _GlueBoxes, place: _Place, ball: SolutionBall) -> Mask:
     """Whether what the balls hold lies in the boxes' tubes there, of shape (K,)."""
     rows = place.rows
-    plain = bool(tubes.plain[rows].all())
-    there = TubesAt(place.base, tubes.boxes.radius[rows], None if plain else tubes.boxes.modes[rows])
+    modes = None if tubes.plain[rows].all() else tubes.boxes.modes[rows]
+    there = TubesAt(place.base, tubes.boxes.radius[rows], modes)
     return in_tubes(equations.system, there, tubes.slopes[rows] * place.off[:, None], ball)

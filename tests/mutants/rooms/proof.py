@@ -5,8 +5,198 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _EVERY = "proof/test_sharp_every.py"
+_CHAINS = ("proof/test_sharp_chains.py",)
 _BOUNDS = ("proof/test_sharp_bounds.py", _EVERY)
 ROOMS: tuple[Room, ...] = (
+    Room(
+        "proof/facts",
+        (
+            "sealed",
+            "ProvableClaim.well_formed",
+            "ProvableClaim._count",
+            "require",
+            "_replayed",
+            "prove_some",
+            "_examined",
+        ),
+        ("proof/test_sharp_facts.py",),
+    ),
+    Room(
+        "proof/solutions",
+        (
+            "TURN",
+            "_PI_OFF",
+            "boxes_of",
+            "_tubes_of",
+            "GluedBoxes.examined",
+            "Met.examined",
+            "_exact",
+            "_placed",
+            "_agree",
+            "_inside",
+        ),
+        ("proof/test_sharp_solutions.py",),
+        (
+            ("_PI_OFF = ", "8.5 × 1.1", "more room for rounding"),
+            ("_PI_OFF = ", "8.5 × 2", "more room for rounding"),
+            ("plain = tubes.plain[self.first] &", "", "which pairs are computed together: `_agree` looks at each"),
+        ),
+    ),
+    Room(
+        "proof/covers",
+        (
+            "_NEARLY",
+            "RegionCover.examined",
+            "RegionCover._require_within",
+            "RegionCover._position",
+            "RegionCover._seed",
+            "over_region",
+            "_numbers",
+            "_links",
+            "_keys",
+            "_joined",
+        ),
+        ("proof/test_sharp_regions.py",),
+        (
+            ("tree.reached & (self.child < 0)", "0 let in", "no part is the region: its cell would have two parents"),
+            (
+                'not len(found["unglued"]) and len(found["seed"])',
+                "not asked: len(found['seed'])",
+                "without one no box is reached",
+            ),
+            ("np.minimum(ahead, back)", "", "either tells the pair"),
+            ("require(count**2 < 2**62", "left × 0.5", "a number of 64 bits has room for twice as many"),
+        ),
+    ),
+    Room(
+        "proof/paths",
+        ("Followed.examined", "Followed._require_path", "Followed._covered", "follows", "_between", "_links"),
+        ("proof/test_sharp_paths.py",),
+        (
+            ("len(times) > 1 and", "not asked: len(times) > 1", "no stretch has no box that carries the start"),
+            ("len(times) > 1 and", "len(times) > 1: left", "no stretch has no box that carries the start"),
+            ("(1.0 + 8.0 * UNIT_ROUNDOFF)", "8 × 0.9", "1 + 7.2u is 1 + 8u as a double"),
+            ("(1.0 + 8.0 * UNIT_ROUNDOFF)", "8 × 1.1", "1 + 8.8u is 1 + 8u as a double"),
+        ),
+    ),
+    Room("proof/demanded", ("_LARGEST", "Demanded.examined"), ("proof/test_sharp_demands.py",)),
+    Room(
+        "proof/requirements",
+        (
+            "_ROUNDING",
+            "meets",
+            "passable",
+            "reach",
+            "regular",
+            "dexterous",
+            "conditioning",
+            "_drift",
+            "_whole",
+            "_column",
+            "_first",
+        ),
+        ("proof/test_sharp_demands.py",),
+        (
+            ("rows.size and demands.driven.size", "rows.size", "of no boxes nothing is asked"),
+            ("spread = np.linalg.solve(", "", "any T > 0 will do: it is checked below"),
+        ),
+    ),
+    Room(
+        "proof/newton",
+        (
+            "_ROUNDED",
+            "Boxes.take",
+            "check",
+            "weights_for",
+            "predict",
+            "solve_in_boxes",
+            "_evaluate",
+            "_step",
+            "within",
+        ),
+        ("proof/test_sharp_newton.py",),
+        (
+            ("_ROUNDED = ", "", "room in the κ of proposals, beside the factors that are checked"),
+            ("SLACK * SLACK + _ROUNDED", "without _ROUNDED", "as for the number"),
+            ("plain = np.all(boxes.modes", "", "which boxes are bounded together"),
+            ("np.flatnonzero(alike & ~found.proved)", "not asked: alike", "which boxes are bounded together"),
+            ("weight = np.abs(solve_many(", "", "any w > 0 will do: κ is what it shows"),
+            ("weight = weight / weight.max", "", "any w > 0 will do: κ is what it shows"),
+            ("0.5 * (weight + shrunk)", "", "any w > 0 will do: κ is what it shows"),
+            ("going = np.flatnonzero(~(kappa", "", "when a search for a better w ends"),
+            ("worse = np.flatnonzero(inside &", "not asked: inside", "elsewhere the step is K's already"),
+        ),
+    ),
+    Room(
+        "proof/chains",
+        (
+            "ClosureSystem.scale",
+            "ClosureSystem.depth",
+            "ClosureSystem.rounding",
+            "ClosureSystem.magnitude",
+            "_largest_row",
+            "stack_chains",
+        ),
+        _CHAINS,
+    ),
+    Room("proof/tips", ("turns_of", "positions", "sweep", "_times", "Rows.sums", "layers"), _CHAINS),
+    Room(
+        "proof/equations",
+        (
+            "problem_of",
+            "_ORTHONORMAL",
+            "Closures.at",
+            "Closures._slope",
+            "Closures._phi",
+            "Closures.bounds",
+            "_sums_of",
+            "_require_sound",
+            "closures_of",
+            "derivatives",
+        ),
+        _CHAINS,
+    ),
+    Room(
+        "proof/phasors",
+        ("_PARALLEL", "phasors_of", "_resolve", "_add_link", "phasor_values"),
+        _CHAINS,
+        (
+            ("if normal is None or not np.any(signs)", "not asked: normal is None", "before a turn no sign is set"),
+            (
+                "if normal is None or not np.any(signs)",
+                "not asked: not np.any(signs)",
+                "a link that no joint turns is still",
+            ),
+        ),
+    ),
+    Room("proof/balls", ("Affine.__sub__", "stacked", "cross"), _CHAINS),
+    Room(
+        "proof/narrowing",
+        ("_SHARE", "narrowed", "_leaning", "_directions", "_within"),
+        ("proof/test_sharp_candidates.py",),
+        (
+            ("better = _size(", "", "which of two boxes that hold the same is kept"),
+            ("useful = np.flatnonzero(", "", "which slope is taken: the box is as wide as that asks"),
+        ),
+    ),
+    Room(
+        "proof/emptiness",
+        (
+            "_SAME",
+            "_SLACK",
+            "groups_of",
+            "_anchor",
+            "empty_cells",
+            "drift",
+            "platform_of",
+            "_one_body",
+            "_seen_whole",
+            "_legs",
+            "ends_over",
+            "empty_by",
+        ),
+        ("proof/test_sharp_emptiness.py",),
+    ),
     Room(
         "proof/rounding",
         ("SLACK", "LEAST", "ROUNDINGS", "UNIT_ROUNDOFF", "widened", "blur"),
@@ -21,6 +211,7 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "proof/taylor",
         (
+            "Pattern.__init__",
             "taylor_bounds",
             "_mixed",
             "_selected",
@@ -42,6 +233,7 @@ ROOMS: tuple[Room, ...] = (
         ("holds", "frame_of", "reached", "noise_of"),
         _BOUNDS,
         (
+            ("np.isfinite(bounds.y + image + shrunk)", "without image", "a Z̄ that is no number fails (N1) too"),
             ("np.isfinite(bounds.y + image + shrunk)", "without shrunk", "a Z that is no number fails (N2) too"),
             (
                 "np.isfinite(bounds.y + image + shrunk)",
@@ -50,7 +242,12 @@ ROOMS: tuple[Room, ...] = (
             ),
         ),
     ),
-    Room("proof/newton", ("in_tubes", "encloses", "without_turns"), _BOUNDS),
+    Room(
+        "proof/newton",
+        ("in_tubes", "encloses", "without_turns"),
+        ("proof/test_sharp_newton.py", *_BOUNDS),
+        (("+ roundings * (unit + size", "without unit", "u of the tube's radius: far below `SLACK`"),),
+    ),
     Room(
         "proof/phasors",
         (
@@ -187,5 +384,10 @@ EXCUSED: tuple[Excused, ...] = (
     Excused(
         "proof/ranges", ("_ROUNDS", "_GAIN", "_Intervals.narrow"), "when narrowing ends: each step of it is proved"
     ),
+    Excused("proof/newton", ("_RADII",), "which radii are tried: `proved_within` checks each"),
+    Excused("proof/bounds", ("Rows",), "a type"),
+    Excused("proof/emptiness", ("_LEAST_VALUE",), "any positive S makes a true bound"),
+    Excused("proof/narrowing", ("_WIDER", "_SMALLER"), "which of two boxes that hold the same is kept"),
+    Excused("proof/balls", ("_ROOMIER",), "any bound will do: `FormInverse.solve` checks it"),
     Excused("proof/ranges", ("_LEAST_SEEN",), "which slides have a bound worth a search: any σ > 0 bounds"),
 )

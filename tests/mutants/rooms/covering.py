@@ -1,0 +1,85 @@
+"""Regions, trees of cells and what waits in them; what only proposes."""
+
+from __future__ import annotations
+
+from tests.mutants.room import Excused, Room
+
+_TESTS = ("covering/test_sharp_regions_cells.py",)
+ROOMS: tuple[Room, ...] = (
+    Room(
+        "covering/region",
+        ("Region.width", "Region.span", "Region.position", "Region.cell_coordinates", "Region.reduce", "corners_of"),
+        _TESTS,
+        (
+            ("found -= (found > 0.0)", "not asked: found > 0.0", "no point within is below the lower corner"),
+            ("found -= (found > 0.0)", "0 let in", "no point within is below the lower corner"),
+            ("f\"the region's lower corner", "", "words"),
+        ),
+    ),
+    Room(
+        "covering/cells",
+        (
+            "CellTree.whole",
+            "CellTree.split",
+            "CellTree.put",
+            "CellTree.leaves",
+            "CellTree.overlapping",
+            "CellTree.locate",
+            "place",
+            "leaves_holding",
+            "leaves_about",
+            "Growing.add",
+        ),
+        _TESTS,
+        (
+            ("leaves = np.flatnonzero(self.child < 0)", "0 let in", "no half is the region"),
+            ("ended = child < 0", "0 let in", "no half is the region"),
+            ("inner = child >= 0", "0 left out", "no half is the region"),
+            ("if self._count > len(self._buffers[0])", "", "how much room a buffer has"),
+        ),
+    ),
+    Room("covering/faces", ("_across",), _TESTS),
+    Room(
+        "covering/pruning",
+        (
+            "whole_candidates",
+            "narrowed_both",
+            "beyond",
+            "_extent",
+            "halved",
+            "handed_down",
+            "Pruning.__init__",
+            "Pruning.settled",
+            "Pruning._narrowed",
+        ),
+        _TESTS,
+    ),
+)
+
+EXCUSED: tuple[Excused, ...] = (
+    Excused("covering/region", ("Corners",), "a type"),
+    Excused("covering/cells", ("_wider",), "how much room a buffer has: what is too little raises"),
+    Excused(
+        "covering/pruning",
+        ("_RATIO", "_CURVED", "_FLOOR", "_LEAST", "to_halve", "steepness", "rows_to_halve_for"),
+        "which candidates are halved, and where: both halves are kept",
+    ),
+    Excused(
+        "covering/proposals/krawczyk",
+        ("_INFLATION", "_SETTLED", "_LEAST", "_ROOM", "_LARGEST", "_parametrize", "_one_weak", "_radius"),
+        "D, V, Ã and R of a box that is tried: `proof.newton.holds` checks it",
+    ),
+    Excused("covering/proposals/platforms", (), "which weights are tried: `proof.emptiness.empty_by` checks them"),
+    Excused(
+        "covering/proposals/solving",
+        ("_LARGEST_STEP", "_SETTLED", "_LOST", "_LONGEST", "newton", "extrapolate", "solved"),
+        "points near solutions, about which boxes are proved",
+    ),
+    Excused(
+        "covering/runner",
+        ("_POLL", "_STALLED", "Runner.within", "Runner._submit", "Runner._result"),
+        "how long others are waited for: what they do not give is computed here",
+    ),
+    Excused("covering/documents", (), "which arrays a file is to hold; what is missing raises when it is read"),
+    Excused("covering/claims", (), "`proof.facts.prove_some` checks the boxes, points and seams that it hands over"),
+)

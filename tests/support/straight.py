@@ -1,0 +1,67 @@
+"""Closures written down by hand of which all is known: y = Sq + d, and sin(q + y) = 0."""
+
+import numpy as np
+
+from ccpin.proof.chains import Chain, ClosureSystem
+from ccpin.proof.equations import Closures
+from ccpin.proof.newton import Boxes
+
+Y, Z = np.eye(3)[1:]
+
+
+def straight(slope, offset=None):
+    """φ = y − Sq − d, S of shape (m, n); θ = (q, y), no chains."""
+    slope = np.array(slope, dtype=float)
+    m, n = slope.shape
+    return Closures(
+        ClosureSystem(
+            chains=(),
+            couplings=np.hstack([-slope, np.eye(m)]),
+            offset=np.zeros(m) if offset is None else -np.array(offset, dtype=float),
+            moduli=np.zeros(m),
+            independent=np.arange(n),
+            dependent=np.arange(n, n + m),
+            periodic=np.zeros(n + m, dtype=bool),
+        )
+    )
+
+
+def circles(n=1, planar=False):
+    """φ = sin(q₁ + … + y): what turns about one axis leave of a direction; all coordinates close on themselves."""
+    size = n + 1
+    still, along = np.tile(np.eye(3), (size, 1, 1)), np.tile(Z, (size, 1))
+    slides = np.zeros(size, dtype=bool)
+    chain = Chain(np.arange(size), still, np.zeros((size, 3)), along, slides, np.eye(3)[0], True, Y[None])
+    system = ClosureSystem(
+        chains=(chain,),
+        couplings=np.zeros((1, size)),
+        offset=np.zeros(1),
+        moduli=np.zeros(1),
+        independent=np.arange(n),
+        dependent=np.array([n]),
+        periodic=np.ones(size, dtype=bool),
+    )
+    return Closures(system, planar)
+
+
+def at_points(boxes):
+    """The boxes without parameters."""
+    count, size = boxes.centre.shape
+    return boxes._replace(half=np.zeros((count, 0)), directions=np.zeros((count, size, 0)))
+
+
+def boxes_about(centre, half, slope, radius, preconditioner=1.0, **others):
+    """Boxes about θ_c, one a row, along slopes S (m, n), all else alike: V = I, w = 1, κ = 0.9."""
+    centre, slope = np.atleast_2d(np.array(centre, dtype=float)), np.array(slope, dtype=float)
+    count, (m, n) = len(centre), slope.shape
+    given = {
+        "centre": centre,
+        "half": np.broadcast_to(np.array(half, dtype=float), (count, n)),
+        "directions": np.tile(np.vstack([np.eye(n), slope]), (count, 1, 1)),
+        "modes": np.tile(np.eye(m), (count, 1, 1)),
+        "preconditioner": np.tile(np.eye(m) * preconditioner, (count, 1, 1)),
+        "radius": np.broadcast_to(np.array(radius, dtype=float), (count, m)),
+        "weight": np.ones((count, m)),
+        "kappa": np.full(count, 0.9),
+    }
+    return Boxes(**(given | others))
