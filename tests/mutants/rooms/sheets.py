@@ -1,0 +1,40 @@
+"""Sheets of configurations: how many there are, how they hang together."""
+
+from __future__ import annotations
+
+from tests.mutants.room import Excused, Room
+
+_FRONT = ("domain/sheets/test_sharp_front.py",)
+_MORE = "how many candidates are tried: where some are left, nothing is called complete"
+ROOMS: tuple[Room, ...] = (
+    Room(
+        "domain/sheets/counting",
+        ("all_solutions", "_within", "_solved", "_same", "_different", "_gap"),
+        ("domain/sheets/test_sharp_counting.py",),
+        (
+            ("while (budget := ", "", _MORE),
+            ("if not np.all(due)", "", _MORE),
+            ("np.all(angles <= _WIDEST", "", "from which candidates Newton's method is tried"),
+            ("turns[:, system.independent] = 0.0", "", "Newton's method keeps q as it is"),
+            (
+                "np.abs(centre - other.centre).max() > _NEAR",
+                "",
+                "what is not found to be the same is to be proved another, or nothing is called complete",
+            ),
+        ),
+    ),
+    Room("domain/sheets/cover", ("Front._continued", "Front._first", "Front._try"), _FRONT),
+)
+
+EXCUSED: tuple[Excused, ...] = (
+    Excused(
+        "domain/sheets/counting",
+        ("cover_singular", "_halve_cells"),
+        "how far cells are halved, and along which edge: each candidate is kept or handed down all the same",
+    ),
+    Excused(
+        "domain/sheets/counting",
+        ("_WIDEST", "_NEAR"),
+        "which candidates and pairs are tried: `alone_in` proves what is said of them",
+    ),
+)
