@@ -44,9 +44,25 @@ ROOMS: tuple[Room, ...] = (
             ("both = np.flatnonzero(", "not asked: np.isin", "what has no box has no pair"),
         ),
     ),
+    Room(
+        "domain/sheets/seams",
+        ("near_folds", "cross"),
+        ("domain/sheets/test_sharp_seams.py",),
+        (
+            ("away <= _REACH", "any instead of all", "which proved folds are followed"),
+            ("away <= _REACH", "left × 0.5", "which proved folds are followed"),
+            ("away = np.abs(", "without theta", "which proved folds are followed"),
+            ("k = int(np.clip(", "without 2", "a curve that is walked goes beyond its middle"),
+        ),
+    ),
 )
 
 EXCUSED: tuple[Excused, ...] = (
+    Excused(
+        "domain/sheets/seams",
+        ("_REACH", "_STRIDE"),
+        "which folds are followed and how long boxes are tried: `cross` asks what is proved of them",
+    ),
     Excused("domain/sheets/cover", ("Front.run",), "what is told of progress"),
     Excused(
         "domain/sheets/cover",
