@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
+_ANSWERS = ("domain/sheets/test_sharp_answers.py",)
 _FRONT = ("domain/sheets/test_sharp_front.py",)
 _MORE = "how many candidates are tried: where some are left, nothing is called complete"
 ROOMS: tuple[Room, ...] = (
@@ -55,9 +56,51 @@ ROOMS: tuple[Room, ...] = (
             ("k = int(np.clip(", "without 2", "a curve that is walked goes beyond its middle"),
         ),
     ),
+    Room(
+        "domain/sheets/sheets",
+        (
+            "SheetAtlas.sheet_of",
+            "SheetAtlas._areas",
+            "SheetAtlas.sheets",
+            "SheetAtlas.counted_fraction",
+            "SheetAtlas.singular_fraction",
+            "SheetAtlas.undecided_fraction",
+            "SheetAtlas.number_of_solutions",
+            "SheetAtlas.sigma",
+            "SheetAtlas.way",
+            "SheetAtlas._turns",
+            "SheetAtlas.cusps",
+            "SheetAtlas._between",
+            "SheetAtlas._over",
+            "SheetAtlas._points",
+        ),
+        _ANSWERS,
+    ),
+    Room(
+        "domain/sheets/certifying",
+        ("certify_sheets", "_begun", "_survey", "_counted"),
+        _ANSWERS,
+        (
+            ("0.5 * effort.seconds", "", "how long is searched"),
+            ("effort.depth + _DEEPER", "", "how far cells are halved"),
+        ),
+    ),
+    Room("domain/sheets/merged", ("merge_sheets", "_refuse_others"), _ANSWERS),
 )
 
 EXCUSED: tuple[Excused, ...] = (
+    Excused("domain/sheets/sheets", ("SheetAtlas.__repr__",), "words"),
+    Excused("domain/sheets/sheets", ("SheetAtlas.save",), "files: `load` reads all that is to be there"),
+    Excused(
+        "domain/sheets/sheets",
+        ("SheetAtlas.folds", "SheetAtlas._ends"),
+        "from which boxes folds are looked for: `seams.cross` asks what is proved of them",
+    ),
+    Excused(
+        "domain/sheets/sheets",
+        ("SheetAtlas.mode_change",),
+        "which cell is tried: `solutions` and `way` refuse what is not proved",
+    ),
     Excused(
         "domain/sheets/seams",
         ("_REACH", "_STRIDE"),
