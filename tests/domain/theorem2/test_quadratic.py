@@ -10,14 +10,14 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin import MechanismDescription
-from ccpin.description import CLOSURE_KINDS, Coupling, CouplingTerm, Joint, Link
+from ccpin.description import CLOSURE_KINDS
 from ccpin.domain import theorem2
 from ccpin.domain.theorem2.form import FORMS, quadratic_form
 from ccpin.domain.theorem2.polynomials import Polynomial, QuadraticSystem
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from tests.oracles import rpdr as closed_form
 from tests.oracles.finite_differences import assert_close, derivative
+from tests.support.geared import geared
 from tests.support.rods import rod_ankle, rod_stewart
 from tests.support.strategies import ROWS, Growth, mechanisms
 from tests.support.walkthrough import file
@@ -285,20 +285,6 @@ def test_random_mechanisms(form, drawn, seed):
         assume("lies on a loop" not in message)
         assume("one component of" not in message)
         raise
-
-
-def geared(terms, kinds, pose):
-    """Bodies on the base, each on a joint of its own along or about y, held together by one coupling."""
-    names = [f"j{k}" for k in range(len(kinds))]
-    links = (Link("base"), *(Link(f"l{k}", Growth(np.random.default_rng(k)).inertia()) for k in range(len(kinds))))
-    joints = tuple(
-        Joint(name, kind, "base", f"l{k}", axis=np.array([0.0, 1.0, 0.0]))
-        for k, (name, kind) in enumerate(zip(names, kinds, strict=True))
-    )
-    coupling = Coupling("gear", tuple(CouplingTerm(names[k], *term) for k, term in enumerate(terms)))
-    reference = {name: (value,) for name, value in zip(names, pose, strict=True)}
-    description = MechanismDescription("geared", "base", links, joints, couplings=(coupling,), reference=reference)
-    return ccpin.load(description, independent=names[1:])
 
 
 @every_form

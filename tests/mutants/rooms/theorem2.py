@@ -5,6 +5,7 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _QUADRATIC = "domain/theorem2/test_quadratic.py"
+_NAMED = "which products are unknowns of their own: any choice is a form"
 _FORMS = (
     "domain/theorem2/test_sharp_forms.py",
     *(
@@ -55,6 +56,13 @@ ROOMS: tuple[Room, ...] = (
                 )
             ),
         ),
+        (
+            ('f"equation {i + 1}', "", "words"),
+            *(
+                (line, "", "when a Jacobian is called singular: nothing is claimed of the formula's rounding")
+                for line in ("rcond = 1.0 / float(", "if rcond < np.finfo")
+            ),
+        ),
     ),
     Room(
         "domain/theorem2/radius",
@@ -75,6 +83,7 @@ ROOMS: tuple[Room, ...] = (
         "domain/theorem2/couplings",
         ("coupling_row", "_displacement_row", "_angle_row", "_whole_ratios", "_times"),
         _FORMS,
+        (("sides[m > 0] = ", "0 let in", "ratios are of terms that have one, or are refused"),),
     ),
     Room(
         "domain/theorem2/form",
@@ -87,6 +96,7 @@ ROOMS: tuple[Room, ...] = (
             "_last_rows",
         ),
         _FORMS,
+        (("kind.nv == 1 and kind.sliding", "not asked: kind.nv", "parts that slide are one slide"),),
     ),
     Room(
         "domain/theorem2/unknowns",
@@ -107,6 +117,11 @@ ROOMS: tuple[Room, ...] = (
             "without_noise",
         ),
         _FORMS,
+        (
+            ("(1.0 if w >= 0 else", "0 left out", "at half a turn both quaternions are the rotation's"),
+            *((line, "", _NAMED) for line in ("if new > 2 *", "components = sum(", "new = sum(")),
+            ("if left.degree + right.degree > 2", "left × 2", _NAMED),
+        ),
     ),
     Room(
         "domain/theorem2/trees",
@@ -126,6 +141,12 @@ ROOMS: tuple[Room, ...] = (
             "_ball_rotation",
         ),
         _FORMS,
+        (
+            ("kind.steps == _TURNS", "not asked: kind.steps", "a ball is its own only part either way"),
+            ("placement[:3, :3] = without_noise(", "", "1e-15 of a placement is within what coefficients are off by"),
+            ("while merge and k and", "not asked: k", "on a loop one comes to where the loop begins before the world"),
+            ("if any(p.degree for", "", _NAMED),
+        ),
     ),
 )
 
