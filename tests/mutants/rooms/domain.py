@@ -5,6 +5,7 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _GRAVITY = "control/stability/set_point/test_gravity_bounds.py"
+_CURVE = "how far a curve goes, and by which steps: what it meets is asked of its boxes"
 _MOTION = "control/stability/tracking/test_motion_bounds.py"
 ROOMS: tuple[Room, ...] = (
     Room(
@@ -44,6 +45,25 @@ ROOMS: tuple[Room, ...] = (
             ('raise InvalidInputError(f"the path', "", "words"),
             ("if coefficients.ndim != 3 or", "not asked: coefficients.ndim", "the shape asked for next has three axes"),
             ('f"(degree + 1, {len(knots)', "", "words"),
+        ),
+    ),
+    Room(
+        "domain/paths/refutation",
+        (
+            "singular_witness",
+            "_join",
+            "_on_branch",
+            "holds",
+            "lies_in",
+            "_range_along",
+            "line_problem",
+        ),
+        ("domain/paths/test_sharp_refutation.py",),
+        (
+            ("moved = extrapolate(", "", _CURVE),
+            ("if walker.walk(abs(moved", "without start", _CURVE),
+            ("k = int(np.clip(", "without 2", "a curve that is walked goes beyond the fold"),
+            ("wide = box._replace(", "", "`check` asks Theorem N of the wider tube"),
         ),
     ),
     Room(
@@ -95,4 +115,10 @@ ROOMS: tuple[Room, ...] = (
     ),
 )
 
-EXCUSED: tuple[Excused, ...] = ()
+EXCUSED: tuple[Excused, ...] = (
+    Excused(
+        "domain/paths/refutation",
+        ("_JOINS", "_BEYOND", "_ROOM"),
+        "which boxes and curves are tried: `_on_branch` and `holds` ask what is proved of them",
+    ),
+)
