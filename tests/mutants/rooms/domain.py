@@ -6,6 +6,7 @@ from tests.mutants.room import Excused, Room
 
 _GRAVITY = "control/stability/set_point/test_gravity_bounds.py"
 _CURVE = "how far a curve goes, and by which steps: what it meets is asked of its boxes"
+_LINES = "which lines are tried, and how far: what is found on one is proved of itself"
 _MOTION = "control/stability/tracking/test_motion_bounds.py"
 ROOMS: tuple[Room, ...] = (
     Room(
@@ -67,6 +68,53 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
+        "domain/paths/obstacles",
+        ("_SHARES", "demand_witnesses", "_walked", "_failing", "_failure", "_place", "_sign"),
+        ("domain/paths/test_sharp_obstacles.py",),
+        (
+            ("if last is None or kind", "not asked: last", "nothing fails where there is no place"),
+            ("if here is None or place", "not asked: place", "nothing fails where there is no place"),
+            *(("_SHARES = (", f"{share} ×", _LINES) for share in ("0.3", "0.45", "0.65")),
+            *(("_SHARES = (", f"1 × {factor}", _LINES) for factor in ("0.5", "0.9")),
+            *(
+                (line, "", _LINES)
+                for line in (
+                    "if walker is None or len(",
+                    "if found is None and walker.here",
+                    "if found is None and stuck <",
+                    "found, stuck = _singular(",
+                    "if found is not None or walker.here",
+                    "walker.walk(1.0)",
+                    "middle = 0.5 *",
+                )
+            ),
+        ),
+    ),
+    Room(
+        "domain/paths/walker",
+        ("Walker.boxes", "Walker.back", "Walker.step", "Walker._seam", "Walker._continues", "Walker._end"),
+        ("domain/paths/test_sharp_walker.py",),
+        tuple(
+            (line, "", "where a box is tried and how large: it is proved, and glued to the one before")
+            for line in (
+                "self.tried += ",
+                "ends = np.unique(",
+                "ends = ends[ends > here]",
+                "seam = np.abs(",
+                "centre = np.array(",
+                "across = np.array(",
+                "half = np.array(",
+                "self.problem, extrapolate(",
+            )
+        ),
+    ),
+    Room(
+        "domain/atlas/refuting",
+        ("refutation_of", "_witness_from", "_corners"),
+        ("domain/atlas/test_sharp_refuting.py",),
+        (("still = PPoly(", "", "a walker that stays where it is"),),
+    ),
+    Room(
         "proof/chords",
         ("chords_of", "_bernstein", "_to_bernstein"),
         ("domain/paths/test_sharp_pieces.py",),
@@ -116,6 +164,12 @@ ROOMS: tuple[Room, ...] = (
 )
 
 EXCUSED: tuple[Excused, ...] = (
+    Excused("domain/paths/obstacles", ("_singular",), _LINES),
+    Excused(
+        "domain/paths/walker",
+        ("TRIES", "SHORTEST", "_WIDER", "Walker.walk"),
+        "by which steps one walks: each box is proved, and glued to the one before, whatever its size",
+    ),
     Excused(
         "domain/paths/refutation",
         ("_JOINS", "_BEYOND", "_ROOM"),
