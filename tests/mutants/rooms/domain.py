@@ -91,6 +91,23 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
+        "domain/paths/path",
+        (
+            "_STRAIGHT",
+            "CertifiedPath.verdict",
+            "CertifiedPath.sigma",
+            "certify_path",
+            "_refuted",
+            "_next_knot",
+            "_targets",
+        ),
+        ("domain/paths/test_sharp_path.py",),
+        (
+            ("shares = np.max(", "1e-300", "what is divided where the tube has no width is not looked at"),
+            ("shares = np.max(", "0 let in", "then there is less room for corners"),
+        ),
+    ),
+    Room(
         "domain/paths/walker",
         ("Walker.boxes", "Walker.back", "Walker.step", "Walker._seam", "Walker._continues", "Walker._end"),
         ("domain/paths/test_sharp_walker.py",),
@@ -164,6 +181,11 @@ ROOMS: tuple[Room, ...] = (
 )
 
 EXCUSED: tuple[Excused, ...] = (
+    Excused(
+        "domain/paths/path", ("_AHEAD",), "how far ahead is looked: `_targets` asks of each that it lies in the tube"
+    ),
+    Excused("domain/paths/path", ("_proved",), "what is claimed of a walk: `proof.facts.prove` checks it"),
+    Excused("domain/paths/path", ("_reason",), "words"),
     Excused("domain/paths/obstacles", ("_singular",), _LINES),
     Excused(
         "domain/paths/walker",
