@@ -17,9 +17,10 @@ from ccpin.domain.theorem2.polynomials import Polynomial, QuadraticSystem
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from tests.oracles import rpdr as closed_form
 from tests.oracles.finite_differences import assert_close, derivative
+from tests.support.closed_chains import spatial_chain
 from tests.support.geared import geared
 from tests.support.rods import rod_ankle, rod_stewart
-from tests.support.strategies import ROWS, Growth, mechanisms
+from tests.support.strategies import ROWS, mechanisms
 from tests.support.walkthrough import file
 
 PAPER_UNKNOWNS = ("x", "y", "u", "v", "w", "s")
@@ -224,20 +225,6 @@ def test_determinant_of_the_rpdr(rpdr, form):
             expected = 16.0 * closed_form.A3 * closed_form.A4 * abs(np.sin(closed_form.fold(paper)))
             found = abs(np.linalg.det(quadratic.system.jacobian(quadratic.centre)))
             assert found == pytest.approx(expected, rel=1e-10)
-
-
-def spatial_chain(kind, seed):
-    """One loop closed by a closure of a kind, on a moving stem; its spherical joint independent if n allows."""
-    growth = Growth(np.random.default_rng(seed))
-    stem = growth.grow("base", ["revolute"])
-    one = growth.grow(stem, ("revolute", "spherical", "prismatic"))
-    other = growth.grow(stem, ("continuous", "revolute", "revolute", "prismatic"))
-    growth.close(kind, one, other)
-    description = growth.drawn().description
-    n = 10 - ROWS[kind]
-    single = [joint.name for joint in description.joints if joint.kind != "spherical"]
-    (whole,) = (joint.name for joint in description.joints if joint.kind == "spherical")
-    return ccpin.load(description, independent=[whole, *single[: n - 3]] if n > 6 else single[:n])
 
 
 @every_form

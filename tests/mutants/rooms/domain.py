@@ -5,6 +5,8 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _GRAVITY = "control/stability/set_point/test_gravity_bounds.py"
+_READING = ("domain/closures/test_sharp_reading.py",)
+_SEARCHED = ("domain/closures/test_sharp_searchable.py",)
 _CURVE = "how far a curve goes, and by which steps: what it meets is asked of its boxes"
 _LINES = "which lines are tried, and how far: what is found on one is proved of itself"
 _MOTION = "control/stability/tracking/test_motion_bounds.py"
@@ -48,6 +50,51 @@ ROOMS: tuple[Room, ...] = (
             ('f"(degree + 1, {len(knots)', "", "words"),
         ),
     ),
+    Room(
+        "domain/closures/system",
+        (
+            "reading_of",
+            "_refuse_redundant",
+            "_ChainCollector.add_rod",
+            "_ChainCollector.add_loop",
+            "_ChainCollector.add_couplings",
+            "_ChainCollector.add_chain",
+            "steps_along",
+            "_ends",
+        ),
+        _READING,
+    ),
+    Room(
+        "domain/closures/rods",
+        (
+            "_IN_PLANE",
+            "Rod.planar",
+            "Rod.steps",
+            "rod_length",
+            "rod_of",
+            "gap_seen_from_a",
+            "_moved",
+        ),
+        _READING,
+    ),
+    Room(
+        "domain/closures/scalar_coordinates",
+        ("Chart.theta", "Chart.configuration", "elementary_joints", "independent_indices"),
+        _READING,
+    ),
+    Room(
+        "domain/closures/task_coordinates",
+        ("TaskSpace.steps_from", "task_space", "_named", "_steps", "_held"),
+        _READING,
+        (("joint_b=len(tree.joints) + 1", "", "closures are read along their paths alone"),),
+    ),
+    Room("domain/closures/packing", ("same_reading", "pack_reading", "_pack_system", "_pack_rod"), _READING),
+    Room(
+        "domain/closures/searchable",
+        ("_SLACK", "region_of", "_limits", "check_searchable", "region_about", "searched_ranges", "all_values"),
+        _SEARCHED,
+    ),
+    Room("domain/closures/seeds", ("checked_configuration", "seed_at_coordinates"), _SEARCHED),
     Room(
         "domain/paths/refutation",
         (
