@@ -5,6 +5,7 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _GRAVITY = "control/stability/set_point/test_gravity_bounds.py"
+_SPACES = ("domain/workspaces/test_sharp_workspaces.py",)
 _READING = ("domain/closures/test_sharp_reading.py",)
 _SEARCHED = ("domain/closures/test_sharp_searchable.py",)
 _CURVE = "how far a curve goes, and by which steps: what it meets is asked of its boxes"
@@ -48,6 +49,39 @@ ROOMS: tuple[Room, ...] = (
             ('raise InvalidInputError(f"the path', "", "words"),
             ("if coefficients.ndim != 3 or", "not asked: coefficients.ndim", "the shape asked for next has three axes"),
             ('f"(degree + 1, {len(knots)', "", "words"),
+        ),
+    ),
+    Room(
+        "domain/workspaces/largest",
+        (
+            "LargestWorkspace.obstacle",
+            "LargestWorkspace.upper",
+            "LargestWorkspace.contains",
+            "LargestWorkspace._distance",
+            "_LargestProblem.region",
+            "_goal",
+            "_largest",
+        ),
+        _SPACES,
+        (("(edges[across] < np.inf)", "left × 0.5", "half of what is not finite is not either"),)
+        + tuple(
+            (line, "", "how long is searched, and which of two certified sets is told")
+            for line in (
+                "if stop.is_set() and first",
+                "flat, seconds = goal._replace(",
+                "until = None if",
+                "left = None if",
+            )
+        ),
+    ),
+    Room(
+        "domain/workspaces/workspace",
+        ("TaskProblem.moved_to", "task_problem", "_region", "_first", "_limits"),
+        _SPACES,
+        (
+            ("least = number(", "", "any number below 0 lets 0 in and keeps others out"),
+            ("if turns and slides and", "not asked: turns", "without turns none are added"),
+            ("if turns and slides and", "not asked: slides", "without positions all would be held, which is refused"),
         ),
     ),
     Room(
@@ -228,6 +262,28 @@ ROOMS: tuple[Room, ...] = (
 )
 
 EXCUSED: tuple[Excused, ...] = (
+    Excused(
+        "domain/workspaces/largest",
+        (
+            "_PUSHED",
+            "_GROWN",
+            "_GROWTHS",
+            "_EDGE",
+            "_FIRST",
+            "_AROUND",
+            "_MAP_SECONDS",
+            "_BETTER",
+            "LargestWorkspace._suspects",
+            "_sides",
+            "_reach",
+            "_SearchScope.about",
+            "_SearchScope.moved",
+        ),
+        "where is searched and how far: each set found is an atlas's own, each obstacle a witness's",
+    ),
+    Excused("domain/workspaces/inscribed", (), "where a centre is sought: what is told of it is certified anew"),
+    Excused("domain/workspaces/synthesis", (), "which designs are tried: the best is told with its own certificate"),
+    Excused("domain/workspaces/workspace", ("Limits",), "a type"),
     Excused(
         "domain/paths/path", ("_AHEAD",), "how far ahead is looked: `_targets` asks of each that it lies in the tube"
     ),
