@@ -213,12 +213,12 @@ def test_what_is_not_searched(monkeypatch, more, tried):
     assert bool(search.asked) == tried
     assert found[:8] == 8 * [EMPTY if tried else UNREACHED]
     little = CellTree.whole(1)
-    for _ in range(10):
+    for _ in range(14):
         little.split(little.leaves()[-1:], np.zeros(1, dtype=int))
-    for share, known in ((2.0**-9, True), (2.0**-10, False)):
-        little.status[little.leaves()] = CERTIFIED
-        leaf = little.leaves()[np.argmin(np.abs(little.shares(little.leaves()) - share))]
-        little.status[leaf] = UNREACHED
+    for powers, known in (((9,), True), ((10, 14), True), ((10,), False), ((11, 12), False)):
+        leaves = little.leaves()
+        little.status[leaves] = CERTIFIED
+        little.status[[leaves[np.argmin(np.abs(little.shares(leaves) - 2.0**-k))] for k in powers]] = UNREACHED
         assert bool(searched(monkeypatch, little, [20.0])[1].asked) == known
 
 

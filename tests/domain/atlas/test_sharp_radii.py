@@ -199,12 +199,19 @@ def test_held_coordinates_have_no_edge():
     assert builder._edge() == 0.5
 
 
-def test_boxes_that_the_kernel_refuses_are_forgotten():
+def test_half_a_turn_is_the_edge_of_what_closes_on_itself():
+    region = Region(np.array([1.0, -200.0]), np.array([1.0 + 2 * np.pi, 200.0]), np.array([True, False]))
+    builder = builder_of(np.random.default_rng(0), region, SHAPES[0], np.array([1.5, 0.0]), 1.0)
+    assert builder._edge() == pytest.approx(np.pi, rel=1e-14)
+
+
+@pytest.mark.parametrize("first", [0, 1, 2])
+def test_boxes_that_the_kernel_refuses_are_forgotten(first):
     """Their cells are undecided; the others keep theirs, numbered anew."""
     builder = builder_of(np.random.default_rng(1), REGIONS[0], SHAPES[0], np.zeros(2), 0.8)
     tree, before, status = builder.tree, builder.tree.box.copy(), builder.tree.status.copy()
     count = int(before.max()) + 1
-    proved = np.arange(count) % 3 != 1
+    proved = np.arange(count) % 3 != first
     builder.keep(proved)
     assert builder.boxes.kappa.tolist() == np.flatnonzero(proved).tolist()
     for cell in tree.leaves():

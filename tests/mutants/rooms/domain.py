@@ -207,12 +207,6 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
-        "domain/atlas/refuting",
-        ("refutation_of", "_witness_from", "_corners"),
-        ("domain/atlas/test_sharp_refuting.py",),
-        (("still = PPoly(", "", "a walker that stays where it is"),),
-    ),
-    Room(
         "proof/chords",
         ("chords_of", "_bernstein", "_to_bernstein"),
         ("domain/paths/test_sharp_pieces.py",),

@@ -365,7 +365,7 @@ class Atlas:
     def _box_numbers(self, points: Array) -> NDArray[np.int64]:
         """The boxes that carry σ over points (K, n); −1 where none does, or several disagree."""
         numbers = self._cells_of(points)
-        return np.where((numbers >= 0) & self.one_function[numbers], numbers, -1) if len(self.boxes.kappa) else numbers
+        return np.where(self.one_function[numbers], numbers, -1) if len(self.boxes.kappa) else numbers
 
     def _cells_of(self, points: Array) -> NDArray[np.int64]:
         """The boxes of the certified cells that points are in, or may be by rounding; else −1."""

@@ -51,7 +51,7 @@ def prove_empty(runner: Runner, tree: CellTree, region: Region, depth: int, thor
                 rows = np.flatnonzero(~empty[part])
                 empty[first + rows] = platform_empty(system, platform, centre[rows], half[rows])
         tree.status[cells[empty]] = CellStatus.EMPTY
-        left = cells[~empty & (tree.status[cells] == CellStatus.UNREACHED)]
+        left = cells[tree.status[cells] == CellStatus.UNREACHED]
         left = left[np.max(tree.size[left], axis=1, where=~region.held, initial=0) > smallest]
         cells = tree.split(left, np.argmax(tree.size[left] * (region.width / region.width.max()), axis=1))
 
@@ -97,7 +97,7 @@ def _share(tree: CellTree) -> float:
 
 def _open(tree: CellTree) -> Array:
     """Which cells hold an unreached leaf, of shape (cells,)."""
-    found = (tree.child < 0) & (tree.status == CellStatus.UNREACHED)
+    found = tree.status == CellStatus.UNREACHED
     for cell in np.flatnonzero(tree.child >= 0)[::-1]:  # children come behind their parents
         found[cell] = found[tree.child[cell]] or found[tree.child[cell] + 1]
     return np.asarray(found)
