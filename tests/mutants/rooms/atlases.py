@@ -1,4 +1,4 @@
-"""Atlases of σ's domain: what they say beside what `proof.facts.prove` has checked."""
+"""Atlases of σ's domain: what they say beside what `proof.facts.prove` has checked; documents and merged ones."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from tests.mutants.room import Excused, Room
 
 _RADII = ("domain/atlas/test_sharp_radii.py",)
 _ANSWERS = ("domain/atlas/test_sharp_answers_of_atlases.py",)
+_FILES = ("domain/documents/test_sharp_documents.py",)
 _HALVED = "which cells are tried, how often they are halved, and when a search ends"
 _PROPOSED = "boxes and cells that are tried: `proof.facts.prove` checks them, where they lie and how they are glued"
 ROOMS: tuple[Room, ...] = (
@@ -63,6 +64,31 @@ ROOMS: tuple[Room, ...] = (
         (("if self.single_valued or not count", "not asked: not count", "where no box is none is unglued"),),
     ),
     Room("domain/atlas/merged", ("merge_atlases", "_refuse_others"), _ANSWERS),
+    Room(
+        "domain/documents/checked",
+        (
+            "_LARGEST",
+            "_UNIT",
+            "checked_closures",
+            "_checked_joints",
+            "checked_region",
+            "checked_cells",
+            "checked_boxes",
+            "_require_moderate",
+        ),
+        _FILES,
+        (
+            (
+                "split = np.flatnonzero(child >= 0)",
+                "0 left out",
+                "the first cell is nobody's child: `halved` refuses it",
+            ),
+            ("CellStatus.SPLIT, child >= 0", "0 left out", "the first cell is nobody's child: `halved` refuses it"),
+        ),
+    ),
+    Room("domain/documents/kinds", ("ATLAS", "SHEETS", "CURVES"), _FILES),
+    Room("domain/documents/store", ("pack", "unpack"), _FILES),
+    Room("domain/merging", ("_sources",), _FILES),
 )
 
 EXCUSED: tuple[Excused, ...] = (
@@ -95,6 +121,11 @@ EXCUSED: tuple[Excused, ...] = (
         "domain/atlas/certifying",
         ("_TOLERANCES", "_MANY_DEPTH", "_MANY_TOLERANCE", "certify", "effort_of", "_cover"),
         _HALVED,
+    ),
+    Excused(
+        "domain/documents/kinds",
+        ("_ROWS",),
+        "how large a whole number of a file may be: `checked_cells` compares each with the halves of the region",
     ),
     Excused("domain/atlas/merged", ("split_region", "_halves"), "how a region is parted"),
     Excused("domain/atlas/merged", ("_between",), _PROPOSED),
