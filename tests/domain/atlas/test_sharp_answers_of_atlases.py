@@ -13,7 +13,7 @@ from ccpin.covering.cells import CellStatus, CellTree, SingularCells
 from ccpin.covering.region import Region
 from ccpin.domain import certify
 from ccpin.domain.atlas import atlas as module
-from ccpin.domain.atlas import merged
+from ccpin.domain.atlas import cover_claims, merged
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.errors import InvalidInputError
 from ccpin.proof.newton import Boxes
@@ -84,6 +84,47 @@ def test_what_is_certified_is_of_cells_whose_box_is_of_one_function(monkeypatch)
     whole = atlas_of(monkeypatch, (CERTIFIED,), (0,), ([2.0], [2.0]), whole=True)
     assert whole.contains(points).tolist() == [True, True, True, True, False, False]
     assert whole.status(points).tolist() == [CERTIFIED] * 4 + [-1, -1]
+
+
+def cover_of(faces, unglued, start):
+    """What the kernel found of boxes."""
+    found = {"faces": np.reshape(faces, (-1, 2)).astype(int), "unglued": np.reshape(unglued, (-1, 2)).astype(int)}
+    return SimpleNamespace(
+        cover=SimpleNamespace(found=found, claim=SimpleNamespace(start=np.array([start]))), demanded=None
+    )
+
+
+@pytest.mark.parametrize(
+    ("faces", "unglued", "start", "one"),
+    [
+        ([(0, 1), (1, 2)], [], 0, [True, True, True]), ([(0, 1)], [], 0, [True, True, False]),
+        ([(0, 1)], [], 2, [False, False, True]), ([(0, 1), (1, 2)], [], -1, [False] * 3),
+        ([(0, 1), (1, 2)], [(1, 2)], 0, [True, True, False]), ([(0, 1), (1, 2)], [(0, 1)], 0, [True, False, False]),
+    ],
+)  # fmt: skip
+def test_one_function_is_what_proved_ways_join_to_the_seed(monkeypatch, faces, unglued, start, one):
+    """Where every shared face is glued too: boxes may share none."""
+    proved = cover_of(faces, unglued, start)
+    atlas = atlas_of(monkeypatch, (CERTIFIED, CERTIFIED, UNDECIDED, CERTIFIED), (0, 1, -1, 2), FOUR, proved=proved)
+    assert atlas.one_function.tolist() == one
+    assert atlas.contains([[0.5], [1.5], [2.5], [3.5]]).tolist() == [one[0], one[1], False, one[2]]
+
+
+def test_cells_that_are_certified_name_each_box_once():
+    """As a search leaves them, which begins at the seed; without the seed's box there is no radius."""
+    for atlas in (part(-0.5, 0.5), part(0.0, 3.0)):
+        box = atlas.tree.box[atlas.tree.leaves(CERTIFIED)]
+        assert sorted(box.tolist()) == list(range(len(atlas.boxes.kappa)))
+        assert np.all(atlas.tree.box[atlas.tree.leaves(UNDECIDED, EMPTY)] == -1)
+        assert atlas.certified_fraction == 1.0
+        assert atlas.one_function.all()
+
+
+def test_an_atlas_whose_seed_is_not_proved_to_be_in_its_box_has_no_radius(monkeypatch):
+    assert part(-0.5, 0.5).radius > 0.4
+    monkeypatch.setattr(cover_claims, "_started", lambda *_: (-1, ()))
+    lost = certify(ccpin.load("slider_crank"), [0.0], ([-0.5], [0.5]), max_depth=3)
+    assert (lost.radius, lost.verdict, lost.contains([0.0])) == (0.0, "undecided", False)
 
 
 def test_a_point_is_certified_where_all_cells_are_that_it_may_be_in(monkeypatch):

@@ -28,6 +28,17 @@ ROOMS: tuple[Room, ...] = (
         ),
         _RADII,
     ),
+    Room(
+        "domain/atlas/cover",
+        ("AtlasBuilder.wave",),
+        _ANSWERS,
+        (
+            ("if len(self.boxes.kappa) >= self._budget", "", _HALVED),
+            ("stretch[tried] = found.stretch", "", _HALVED),
+            ("if not len(self.boxes.kappa) and children.size", "", _HALVED),
+        ),
+    ),
+    Room("domain/atlas/certifying", ("certify_region",), _ANSWERS, (("if not kept.all()", "", _PROPOSED),)),
     Room("domain/atlas/radius_map", ("certified_radius", "without_sigma", "_bordering", "_distance"), _RADII),
     Room("domain/atlas/square", ("largest_square", "newton_bound"), _RADII),
     Room(
@@ -103,7 +114,6 @@ EXCUSED: tuple[Excused, ...] = (
             "AtlasBuilder.certify_region",
             "AtlasBuilder._halve_undecided",
             "AtlasBuilder._shortest",
-            "AtlasBuilder.wave",
             "AtlasBuilder._hopeless",
             "AtlasBuilder._stretch",
             "AtlasBuilder._prove",
@@ -116,7 +126,6 @@ EXCUSED: tuple[Excused, ...] = (
         _PROPOSED,
     ),
     Excused("domain/atlas/cover_claims", ("seams_of", "_started"), _PROPOSED),
-    Excused("domain/atlas/certifying", ("certify_region",), _PROPOSED),
     Excused(
         "domain/atlas/certifying",
         ("_TOLERANCES", "_MANY_DEPTH", "_MANY_TOLERANCE", "certify", "effort_of", "_cover"),

@@ -144,15 +144,18 @@ class Atlas:
 
     @cached_property
     def one_function(self) -> Mask:
-        """Boxes that together carry one continuous σ, among them that of q₀, of shape (B,); all, if `single_valued`."""
+        """Boxes that together carry one continuous σ, among them that of q₀, of shape (B,).
+
+        All, if `single_valued` and a way over glued faces joins each to that of q₀, as is proved (or a file says).
+        """
         count = len(self.boxes.kappa)
+        if self.proved is not None:
+            cover = self.proved.cover
+            return one_function(cover.found["faces"], self.unglued, int(cover.claim.start[0]), count)
         if self.single_valued or not count:
             return np.ones(count, dtype=np.bool_)
-        if self.proved is None:
-            seams = seams_of(self.problem, self.region, self.tree, self.boxes)
-            faces = np.stack([seams.first, seams.second], axis=1)
-        else:
-            faces = self.proved.cover.found["faces"]
+        seams = seams_of(self.problem, self.region, self.tree, self.boxes)
+        faces = np.stack([seams.first, seams.second], axis=1)
         return one_function(faces, self.unglued, int(self._cells_of(self.q0[None])[0]), count)
 
     @cached_property
