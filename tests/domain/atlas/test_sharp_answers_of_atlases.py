@@ -110,9 +110,11 @@ def test_one_function_is_what_proved_ways_join_to_the_seed(monkeypatch, faces, u
     assert atlas.contains([[0.5], [1.5], [2.5], [3.5]]).tolist() == [one[0], one[1], False, one[2]]
 
 
-def test_cells_that_are_certified_name_each_box_once():
-    """As a search leaves them, which begins at the seed; without the seed's box there is no radius."""
-    for atlas in (part(-0.5, 0.5), part(0.0, 3.0)):
+def test_cells_that_are_certified_name_each_box_once(rpdr):
+    """As a search leaves them, which begins at the seed."""
+    several = certify(rpdr, [-1.57, -1.57], ([-2.0, -2.0], [-1.0, -1.0]), max_depth=4)
+    assert len(several.boxes.kappa) > 4
+    for atlas in (part(-0.5, 0.5), several):
         box = atlas.tree.box[atlas.tree.leaves(CERTIFIED)]
         assert sorted(box.tolist()) == list(range(len(atlas.boxes.kappa)))
         assert np.all(atlas.tree.box[atlas.tree.leaves(UNDECIDED, EMPTY)] == -1)

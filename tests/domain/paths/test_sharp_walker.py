@@ -8,6 +8,7 @@ from scipy.interpolate import PPoly
 
 from ccpin.domain.paths import walker as module
 from ccpin.domain.paths.walker import Walker
+from ccpin.proof.chords import chord_of
 from ccpin.proof.newton import Boxes
 
 SYSTEM = SimpleNamespace(independent=np.array([0, 2]), dependent=np.array([1]), n=2, m=1, n_free=3)
@@ -81,17 +82,26 @@ def test_the_longest_stretch_that_is_proved_and_goes_on(walker, monkeypatch, pro
         lambda problem, theta, steps: SimpleNamespace(theta=theta, settled=np.array(settled, dtype=bool)),
     )
     monkeypatch.setattr(module, "certify_boxes", certify)
-    walker.point = walker.point._replace(centre=np.array([[0.0, 5.0, 0.0]]))
+    walker.pieces = PPoly(np.array([[[0.0, 0.5]], [[1.0, 2.0]], [[0.0, 0.0]]]), np.array([0.0, 1.0]))
+    walker.times, walker.theta = [0.25], np.array([0.125, 5.0, 0.25])
+    begun = walker.pieces(0.25) + [0.125, -0.0625]
+    walker.point = walker.point._replace(centre=np.array([[begun[0], 5.0, begun[1]]]))
     walker._continues = lambda box: bool(going[int(box.kappa[0])])
     step = walker.step(1.0, np.array([0.25, 0.5, 2.0]), walker.tube)
+    ends = np.array([0.5, 0.75, 1.0])
     assert (None if step is None else (int(step.box.kappa[0]), step.end)) == (
-        None if found is None else (found, (0.25, 0.5, 1.0)[found])
+        None if found is None else (found, ends[found])
     )
     steps, half, across = asked[0]
-    ends = np.array([0.25, 0.5, 1.0])
-    np.testing.assert_allclose(steps, 0.5 * ends[:, None] * [1.0, 2.0], rtol=1e-15)
-    np.testing.assert_allclose(across[:, :, 0], 0.5 * ends[:, None] * [1.0, 2.0], rtol=1e-15)
-    np.testing.assert_allclose(half, np.tile([1.0, 0.125, 0.0625], (3, 1)), rtol=1e-12)
+    first, last = walker.pieces(0.25), walker.pieces(ends)
+    np.testing.assert_allclose(steps, 0.5 * (first + last) - walker.theta[[0, 2]], rtol=1e-14)
+    np.testing.assert_allclose(across[:, :, 0], 0.5 * (last - first), rtol=1e-14)
+    np.testing.assert_array_equal(across[:, :, 1:], np.tile(np.eye(2), (3, 1, 1)))
+    bends = np.array([[0.0, chord_of(walker.pieces, 0.25, end).deviation[1]] for end in ends])
+    assert np.all(bends[:, 1] >= 0.5 * (0.5 * (ends - 0.25)) ** 2)  # of ½t² from its chord, in the middle
+    jump = np.abs(first - begun) * (1 + 1e-10)
+    np.testing.assert_allclose(half, np.column_stack([np.ones(3), walker.tube + bends + jump]), rtol=1e-13)
+    assert walker.tried == 3
 
 
 def test_a_walker_that_goes_back_has_its_boxes_up_to_there(walker, monkeypatch):

@@ -192,19 +192,7 @@ ROOMS: tuple[Room, ...] = (
         "domain/paths/walker",
         ("Walker.boxes", "Walker.back", "Walker.step", "Walker._seam", "Walker._continues", "Walker._end"),
         ("domain/paths/test_sharp_walker.py",),
-        tuple(
-            (line, "", "where a box is tried and how large: it is proved, and glued to the one before")
-            for line in (
-                "self.tried += ",
-                "ends = np.unique(",
-                "ends = ends[ends > here]",
-                "seam = np.abs(",
-                "centre = np.array(",
-                "across = np.array(",
-                "half = np.array(",
-                "self.problem, extrapolate(",
-            )
-        ),
+        (("ends = ends[ends > here]", "left × 2", "strides lead ahead, or nowhere"),),
     ),
     Room(
         "proof/chords",
