@@ -1,4 +1,4 @@
-"""Atlases of σ's domain, Theorem 2, bounds of the dynamics."""
+"""Paths and their refutations, closures, workspaces; bounds of the dynamics."""
 
 from __future__ import annotations
 
