@@ -13,13 +13,47 @@ from typing import NamedTuple
 
 from tests.mutants.changes import Change, changes_of, places_of
 from tests.mutants.room import Excused, Room
-from tests.mutants.rooms import auditing, covering, domain, proof, sheets_and_curves, stability, validated
+from tests.mutants.rooms import (
+    atlases,
+    auditing,
+    covering,
+    domain,
+    proof,
+    sheets,
+    sheets_and_curves,
+    stability,
+    theorem2,
+    validated,
+)
 from tests.mutants.running import SOURCES, source_of
 
-_AREAS = (proof, covering, domain, sheets_and_curves, stability, validated, auditing)
+_AREAS = (
+    proof,
+    covering,
+    domain,
+    atlases,
+    theorem2,
+    sheets,
+    sheets_and_curves,
+    stability,
+    validated,
+    auditing,
+)
 ROOMS: tuple[Room, ...] = tuple(room for area in _AREAS for room in area.ROOMS)
 EXCUSED: tuple[Excused, ...] = tuple(place for area in _AREAS for place in area.EXCUSED)
-WHOLE: tuple[str, ...] = ("auditing", "control/stability", "proof", "validated")
+WHOLE: tuple[str, ...] = (
+    "auditing",
+    "control/stability",
+    "domain/atlas",
+    "domain/closures",
+    "domain/documents",
+    "domain/paths",
+    "domain/sheets",
+    "domain/theorem2",
+    "domain/workspaces",
+    "proof",
+    "validated",
+)
 
 
 class Mutant(NamedTuple):

@@ -10,16 +10,17 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin import MechanismDescription
-from ccpin.description import CLOSURE_KINDS, Coupling, CouplingTerm, Joint, Link
+from ccpin.description import CLOSURE_KINDS
 from ccpin.domain import theorem2
 from ccpin.domain.theorem2.form import FORMS, quadratic_form
 from ccpin.domain.theorem2.polynomials import Polynomial, QuadraticSystem
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from tests.oracles import rpdr as closed_form
 from tests.oracles.finite_differences import assert_close, derivative
+from tests.support.closed_chains import spatial_chain
+from tests.support.geared import geared
 from tests.support.rods import rod_ankle, rod_stewart
-from tests.support.strategies import ROWS, Growth, mechanisms
+from tests.support.strategies import ROWS, mechanisms
 from tests.support.walkthrough import file
 
 PAPER_UNKNOWNS = ("x", "y", "u", "v", "w", "s")
@@ -226,20 +227,6 @@ def test_determinant_of_the_rpdr(rpdr, form):
             assert found == pytest.approx(expected, rel=1e-10)
 
 
-def spatial_chain(kind, seed):
-    """One loop closed by a closure of a kind, on a moving stem; its spherical joint independent if n allows."""
-    growth = Growth(np.random.default_rng(seed))
-    stem = growth.grow("base", ["revolute"])
-    one = growth.grow(stem, ("revolute", "spherical", "prismatic"))
-    other = growth.grow(stem, ("continuous", "revolute", "revolute", "prismatic"))
-    growth.close(kind, one, other)
-    description = growth.drawn().description
-    n = 10 - ROWS[kind]
-    single = [joint.name for joint in description.joints if joint.kind != "spherical"]
-    (whole,) = (joint.name for joint in description.joints if joint.kind == "spherical")
-    return ccpin.load(description, independent=[whole, *single[: n - 3]] if n > 6 else single[:n])
-
-
 @every_form
 @pytest.mark.parametrize("name", ["rssr", "ankle", "gas_spring_leg"])
 def test_rows_that_lock_a_spin(name, form):
@@ -285,20 +272,6 @@ def test_random_mechanisms(form, drawn, seed):
         assume("lies on a loop" not in message)
         assume("one component of" not in message)
         raise
-
-
-def geared(terms, kinds, pose):
-    """Bodies on the base, each on a joint of its own along or about y, held together by one coupling."""
-    names = [f"j{k}" for k in range(len(kinds))]
-    links = (Link("base"), *(Link(f"l{k}", Growth(np.random.default_rng(k)).inertia()) for k in range(len(kinds))))
-    joints = tuple(
-        Joint(name, kind, "base", f"l{k}", axis=np.array([0.0, 1.0, 0.0]))
-        for k, (name, kind) in enumerate(zip(names, kinds, strict=True))
-    )
-    coupling = Coupling("gear", tuple(CouplingTerm(names[k], *term) for k, term in enumerate(terms)))
-    reference = {name: (value,) for name, value in zip(names, pose, strict=True)}
-    description = MechanismDescription("geared", "base", links, joints, couplings=(coupling,), reference=reference)
-    return ccpin.load(description, independent=names[1:])
 
 
 @every_form

@@ -1,10 +1,15 @@
-"""Atlases of σ's domain, Theorem 2, bounds of the dynamics."""
+"""Paths and their refutations, closures, workspaces; bounds of the dynamics."""
 
 from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
 _GRAVITY = "control/stability/set_point/test_gravity_bounds.py"
+_SPACES = ("domain/workspaces/test_sharp_workspaces.py",)
+_READING = ("domain/closures/test_sharp_reading.py",)
+_SEARCHED = ("domain/closures/test_sharp_searchable.py",)
+_CURVE = "how far a curve goes, and by which steps: what it meets is asked of its boxes"
+_LINES = "which lines are tried, and how far: what is found on one is proved of itself"
 _MOTION = "control/stability/tracking/test_motion_bounds.py"
 ROOMS: tuple[Room, ...] = (
     Room(
@@ -45,6 +50,149 @@ ROOMS: tuple[Room, ...] = (
             ("if coefficients.ndim != 3 or", "not asked: coefficients.ndim", "the shape asked for next has three axes"),
             ('f"(degree + 1, {len(knots)', "", "words"),
         ),
+    ),
+    Room(
+        "domain/workspaces/largest",
+        (
+            "LargestWorkspace.obstacle",
+            "LargestWorkspace.upper",
+            "LargestWorkspace.contains",
+            "LargestWorkspace._distance",
+            "_LargestProblem.region",
+            "_goal",
+            "_largest",
+        ),
+        _SPACES,
+        (("(edges[across] < np.inf)", "left × 0.5", "half of what is not finite is not either"),)
+        + tuple(
+            (line, "", "how long is searched, and which of two certified sets is told")
+            for line in (
+                "if stop.is_set() and first",
+                "flat, seconds = goal._replace(",
+                "until = None if",
+                "left = None if",
+            )
+        ),
+    ),
+    Room(
+        "domain/workspaces/workspace",
+        ("TaskProblem.moved_to", "task_problem", "_region", "_first", "_limits"),
+        _SPACES,
+        (
+            ("least = number(", "", "any number below 0 lets 0 in and keeps others out"),
+            ("if turns and slides and", "not asked: turns", "without turns none are added"),
+            ("if turns and slides and", "not asked: slides", "without positions all would be held, which is refused"),
+        ),
+    ),
+    Room(
+        "domain/closures/system",
+        (
+            "reading_of",
+            "_refuse_redundant",
+            "_ChainCollector.add_rod",
+            "_ChainCollector.add_loop",
+            "_ChainCollector.add_couplings",
+            "_ChainCollector.add_chain",
+            "steps_along",
+            "_ends",
+        ),
+        _READING,
+    ),
+    Room(
+        "domain/closures/rods",
+        (
+            "_IN_PLANE",
+            "Rod.planar",
+            "Rod.steps",
+            "rod_length",
+            "rod_of",
+            "gap_seen_from_a",
+            "_moved",
+        ),
+        _READING,
+    ),
+    Room(
+        "domain/closures/scalar_coordinates",
+        ("Chart.theta", "Chart.configuration", "elementary_joints", "independent_indices"),
+        _READING,
+    ),
+    Room(
+        "domain/closures/task_coordinates",
+        ("TaskSpace.steps_from", "task_space", "_named", "_steps", "_held"),
+        _READING,
+        (("joint_b=len(tree.joints) + 1", "", "closures are read along their paths alone"),),
+    ),
+    Room("domain/closures/packing", ("same_reading", "pack_reading", "_pack_system", "_pack_rod"), _READING),
+    Room(
+        "domain/closures/searchable",
+        ("_SLACK", "region_of", "_limits", "check_searchable", "region_about", "searched_ranges", "all_values"),
+        _SEARCHED,
+    ),
+    Room("domain/closures/seeds", ("checked_configuration", "seed_at_coordinates"), _SEARCHED),
+    Room(
+        "domain/paths/refutation",
+        (
+            "singular_witness",
+            "_join",
+            "_on_branch",
+            "holds",
+            "lies_in",
+            "_range_along",
+            "line_problem",
+        ),
+        ("domain/paths/test_sharp_refutation.py",),
+        (
+            ("moved = extrapolate(", "", _CURVE),
+            ("if walker.walk(abs(moved", "without start", _CURVE),
+            ("k = int(np.clip(", "without 2", "a curve that is walked goes beyond the fold"),
+            ("wide = box._replace(", "", "`check` asks Theorem N of the wider tube"),
+        ),
+    ),
+    Room(
+        "domain/paths/obstacles",
+        ("_SHARES", "demand_witnesses", "_walked", "_failing", "_failure", "_place", "_sign"),
+        ("domain/paths/test_sharp_obstacles.py",),
+        (
+            ("if last is None or kind", "not asked: last", "nothing fails where there is no place"),
+            ("if here is None or place", "not asked: place", "nothing fails where there is no place"),
+            *(("_SHARES = (", f"{share} ×", _LINES) for share in ("0.3", "0.45", "0.65")),
+            *(("_SHARES = (", f"1 × {factor}", _LINES) for factor in ("0.5", "0.9")),
+            *(
+                (line, "", _LINES)
+                for line in (
+                    "if walker is None or len(",
+                    "if found is None and walker.here",
+                    "if found is None and stuck <",
+                    "found, stuck = _singular(",
+                    "if found is not None or walker.here",
+                    "walker.walk(1.0)",
+                    "middle = 0.5 *",
+                )
+            ),
+        ),
+    ),
+    Room(
+        "domain/paths/path",
+        (
+            "_STRAIGHT",
+            "CertifiedPath.verdict",
+            "CertifiedPath.sigma",
+            "certify_path",
+            "_refuted",
+            "_next_knot",
+            "_targets",
+        ),
+        ("domain/paths/test_sharp_path.py",),
+        (
+            ("shares = np.max(", "1e-300", "what is divided where the tube has no width is not looked at"),
+            ("shares = np.max(", "0 let in", "then there is less room for corners"),
+        ),
+    ),
+    Room(
+        "domain/paths/walker",
+        ("Walker.boxes", "Walker.back", "Walker.step", "Walker._seam", "Walker._continues", "Walker._end"),
+        ("domain/paths/test_sharp_walker.py",),
+        (("ends = ends[ends > here]", "left × 2", "strides lead ahead, or nowhere"),),
     ),
     Room(
         "proof/chords",
@@ -95,4 +243,43 @@ ROOMS: tuple[Room, ...] = (
     ),
 )
 
-EXCUSED: tuple[Excused, ...] = ()
+EXCUSED: tuple[Excused, ...] = (
+    Excused(
+        "domain/workspaces/largest",
+        (
+            "_PUSHED",
+            "_GROWN",
+            "_GROWTHS",
+            "_EDGE",
+            "_FIRST",
+            "_AROUND",
+            "_MAP_SECONDS",
+            "_BETTER",
+            "LargestWorkspace._suspects",
+            "_sides",
+            "_reach",
+            "_SearchScope.about",
+            "_SearchScope.moved",
+        ),
+        "where is searched and how far: each set found is an atlas's own, each obstacle a witness's",
+    ),
+    Excused("domain/workspaces/inscribed", (), "where a centre is sought: what is told of it is certified anew"),
+    Excused("domain/workspaces/synthesis", (), "which designs are tried: the best is told with its own certificate"),
+    Excused("domain/workspaces/workspace", ("Limits",), "a type"),
+    Excused(
+        "domain/paths/path", ("_AHEAD",), "how far ahead is looked: `_targets` asks of each that it lies in the tube"
+    ),
+    Excused("domain/paths/path", ("_proved",), "what is claimed of a walk: `proof.facts.prove` checks it"),
+    Excused("domain/paths/path", ("_reason",), "words"),
+    Excused("domain/paths/obstacles", ("_singular",), _LINES),
+    Excused(
+        "domain/paths/walker",
+        ("TRIES", "SHORTEST", "_WIDER", "Walker.walk"),
+        "by which steps one walks: each box is proved, and glued to the one before, whatever its size",
+    ),
+    Excused(
+        "domain/paths/refutation",
+        ("_JOINS", "_BEYOND", "_ROOM"),
+        "which boxes and curves are tried: `_on_branch` and `holds` ask what is proved of them",
+    ),
+)

@@ -1,4 +1,4 @@
-"""Sheets of configurations, curves of singular ones, folds and cusps."""
+"""Curves of singular configurations, folds and cusps."""
 
 from __future__ import annotations
 
@@ -6,11 +6,6 @@ from tests.mutants.room import Excused, Room
 
 _TUBES = (("hull = np.minimum(", "maximum instead of minimum", "the curve is within a wider hull too"),)
 ROOMS: tuple[Room, ...] = (
-    Room(
-        "domain/sheets/cover",
-        ("Front._continued", "Front._first", "Front._try"),
-        ("domain/sheets/test_sharp_front.py",),
-    ),
     Room(
         "domain/singular/tubes",
         ("bounds_of", "certify_tubes", "_room"),

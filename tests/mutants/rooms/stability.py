@@ -150,7 +150,7 @@ ROOMS: tuple[Room, ...] = (
         _WELLS,
     ),
     Room("control/stability/tracking/deviation", ("Deviation.size", "thickened"), _TRACKING),
-    Room("control/stability/tracking/error_equations", ("_with_feedback",), _TRACKING),
+    Room("control/stability/tracking/error_equations", ("equation_of", "_with_feedback"), _TRACKING),
     Room(
         "control/stability/tracking/on_line",
         ("online_demand", "_speed", "_newton", "_worst"),

@@ -144,15 +144,18 @@ class Atlas:
 
     @cached_property
     def one_function(self) -> Mask:
-        """Boxes that together carry one continuous σ, among them that of q₀, of shape (B,); all, if `single_valued`."""
+        """Boxes that together carry one continuous σ, among them that of q₀, of shape (B,).
+
+        All, if `single_valued` and a way over glued faces joins each to that of q₀, as is proved (or a file says).
+        """
         count = len(self.boxes.kappa)
+        if self.proved is not None:
+            cover = self.proved.cover
+            return one_function(cover.found["faces"], self.unglued, int(cover.claim.start[0]), count)
         if self.single_valued or not count:
             return np.ones(count, dtype=np.bool_)
-        if self.proved is None:
-            seams = seams_of(self.problem, self.region, self.tree, self.boxes)
-            faces = np.stack([seams.first, seams.second], axis=1)
-        else:
-            faces = self.proved.cover.found["faces"]
+        seams = seams_of(self.problem, self.region, self.tree, self.boxes)
+        faces = np.stack([seams.first, seams.second], axis=1)
         return one_function(faces, self.unglued, int(self._cells_of(self.q0[None])[0]), count)
 
     @cached_property
@@ -365,7 +368,7 @@ class Atlas:
     def _box_numbers(self, points: Array) -> NDArray[np.int64]:
         """The boxes that carry σ over points (K, n); −1 where none does, or several disagree."""
         numbers = self._cells_of(points)
-        return np.where((numbers >= 0) & self.one_function[numbers], numbers, -1) if len(self.boxes.kappa) else numbers
+        return np.where(self.one_function[numbers], numbers, -1) if len(self.boxes.kappa) else numbers
 
     def _cells_of(self, points: Array) -> NDArray[np.int64]:
         """The boxes of the certified cells that points are in, or may be by rounding; else −1."""

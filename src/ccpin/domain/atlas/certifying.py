@@ -195,7 +195,7 @@ def certify_region(
     return Atlas(
         names=names,
         q0=builder.q0,
-        radius=builder.radius(proved.cover.found["unglued"]),
+        radius=builder.radius(proved.cover.found["unglued"]) if proved.cover.claim.start[0] >= 0 else 0.0,
         solutions=(solutions,),
         proved=proved,
         complete=complete,

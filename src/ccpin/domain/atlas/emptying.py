@@ -51,7 +51,7 @@ def prove_empty(runner: Runner, tree: CellTree, region: Region, depth: int, thor
                 rows = np.flatnonzero(~empty[part])
                 empty[first + rows] = platform_empty(system, platform, centre[rows], half[rows])
         tree.status[cells[empty]] = CellStatus.EMPTY
-        left = cells[~empty & (tree.status[cells] == CellStatus.UNREACHED)]
+        left = cells[tree.status[cells] == CellStatus.UNREACHED]
         left = left[np.max(tree.size[left], axis=1, where=~region.held, initial=0) > smallest]
         cells = tree.split(left, np.argmax(tree.size[left] * (region.width / region.width.max()), axis=1))
 
@@ -69,7 +69,7 @@ def search_empty(runner: Runner, reading: Reading, tree: CellTree, region: Regio
     ranges = all_values(reading, region.lower, region.upper)
     if ranges is None or problem.system.m > MOST_DEPENDENT or _share(tree) < _WORTH:
         return
-    root = np.zeros(1, dtype=np.intp)
+    root, smallest = np.zeros(1, dtype=np.intp), 1 << (LEVELS - depth)
     waiting, searched = whole_candidates(problem, ranges, root, *place(tree, region, root)), root
     search = Pruning(runner, ranges, _BUDGET)
     while searched.size and not search.over:
@@ -79,8 +79,9 @@ def search_empty(runner: Runner, reading: Reading, tree: CellTree, region: Regio
         waiting = _unsettled(problem, tree, waiting)
         cells = np.unique(waiting.cell)
         leaf = tree.child[cells] < 0
-        small = np.all(tree.size[cells] <= 1 << (LEVELS - depth), axis=1)
-        tree.split(cells[leaf & ~small], np.argmax(tree.size[cells[leaf & ~small]] * region.width, axis=1))
+        lengths = np.where(tree.size[cells] > smallest, tree.size[cells] * region.width, 0.0)
+        small = np.all(lengths == 0.0, axis=1)  # edges of coordinates that are held are never halved
+        tree.split(cells[leaf & ~small], np.argmax(lengths[leaf & ~small], axis=1))
         cells = cells[~(leaf & small)]
         waiting = rows_of(waiting, np.isin(waiting.cell, cells))
         waiting = handed_down(problem, tree, region, waiting)
@@ -96,7 +97,7 @@ def _share(tree: CellTree) -> float:
 
 def _open(tree: CellTree) -> Array:
     """Which cells hold an unreached leaf, of shape (cells,)."""
-    found = (tree.child < 0) & (tree.status == CellStatus.UNREACHED)
+    found = tree.status == CellStatus.UNREACHED
     for cell in np.flatnonzero(tree.child >= 0)[::-1]:  # children come behind their parents
         found[cell] = found[tree.child[cell]] or found[tree.child[cell] + 1]
     return np.asarray(found)

@@ -38,6 +38,7 @@ from ccpin.errors import SingularConfigurationError
 from ccpin.proof.emptiness import empty_cells, groups_of
 from ccpin.proof.equations import Problem, closures_of, problem_of
 from ccpin.proof.newton import Boxes, check, encloses, solve_in_boxes
+from ccpin.proof.rounding import SLACK, blur
 from ccpin.proof.verdict import Witness
 
 _JOINS = np.geomspace(1e-3, 1e-11, 9)
@@ -143,7 +144,7 @@ def lies_in(problem: Problem, join: Boxes, line: Problem, box: Boxes, side: floa
 
 
 def _range_along(line: Problem, boxes: Boxes, rows: Indices, theta: Array, direction: Array) -> tuple[float, float]:
-    """Bounds of s on the boxes' tubes; `rows` are the places of q in θ."""
+    """Bounds of s on the boxes' tubes, rounding with them; `rows` are the places of q in θ."""
     modes = np.zeros((len(boxes.kappa), line.system.n_free, line.system.m))
     modes[:, line.system.dependent] = boxes.modes
     along = direction / (direction @ direction)
@@ -151,7 +152,8 @@ def _range_along(line: Problem, boxes: Boxes, rows: Indices, theta: Array, direc
     spread = (
         apply(np.abs(along @ boxes.directions[:, rows])[:, None], boxes.half)[:, 0]
         + apply(np.abs(along @ modes[:, rows])[:, None], boxes.radius)[:, 0]
-    )
+        + blur(np.abs(boxes.centre[:, rows]) + np.abs(theta[rows])) @ np.abs(along)
+    ) * SLACK
     return float((middle - spread).min()), float((middle + spread).max())
 
 

@@ -149,7 +149,7 @@ def _survey(
             complete = False
     count = np.full(len(tree.child), -1, dtype=np.int64)
     known = front.part >= 0
-    count[known] = np.array([len(part.theta) for part in parts] or [0], dtype=np.int64)[front.part[known]]
+    count[known] = np.array([len(part.theta) for part in parts], dtype=np.int64)[front.part[known]]
     return SheetAtlas(
         names=names,
         region=region,

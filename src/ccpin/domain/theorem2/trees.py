@@ -248,7 +248,7 @@ def _circle_rotation(variables: tuple[Polynomial, ...], axis: Array, centre: flo
     """Rot(a, θ₀ + Δ) = aaᵀ + cos Δ (I − aaᵀ) R₀ + sin Δ [a]× R₀, R₀ = Rot(a, θ₀)."""
     along, cross = np.outer(axis, axis), skew(axis)
     across = np.eye(3) - along
-    base = along + np.cos(centre) * across + np.sin(centre) * cross
+    base = np.cos(centre) * across + np.sin(centre) * cross  # the axis is fixed: what is across alone is turned
     factors = Polynomial.constant(1.0), *variables
     return list(zip(factors, map(without_noise, (along, across @ base, cross @ base)), strict=True))
 

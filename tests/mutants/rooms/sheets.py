@@ -1,0 +1,125 @@
+"""Sheets of configurations: how many there are, how they hang together."""
+
+from __future__ import annotations
+
+from tests.mutants.room import Excused, Room
+
+_ANSWERS = ("domain/sheets/test_sharp_answers.py",)
+_FRONT = ("domain/sheets/test_sharp_front.py",)
+_MORE = "how many candidates are tried: where some are left, nothing is called complete"
+ROOMS: tuple[Room, ...] = (
+    Room(
+        "domain/sheets/counting",
+        ("all_solutions", "_within", "_solved", "_same", "_different", "_gap"),
+        ("domain/sheets/test_sharp_counting.py",),
+        (
+            ("while (budget := ", "", _MORE),
+            ("if not np.all(due)", "", _MORE),
+            ("np.all(angles <= _WIDEST", "", "from which candidates Newton's method is tried"),
+            ("turns[:, system.independent] = 0.0", "", "Newton's method keeps q as it is"),
+            (
+                "np.abs(centre - other.centre).max() > _NEAR",
+                "",
+                "what is not found to be the same is to be proved another, or nothing is called complete",
+            ),
+        ),
+    ),
+    Room("domain/sheets/cover", ("Front._continued", "Front._first", "Front._try"), _FRONT),
+    Room(
+        "domain/sheets/cover",
+        (
+            "parts_of",
+            "Front.__init__",
+            "Front._wave",
+            "Front._carry",
+            "Front._pass",
+            "Front._known",
+            "Front._over",
+            "Front._add",
+            "Front._split",
+            "glued_pairs",
+        ),
+        ("domain/sheets/test_sharp_carrying.py",),
+        (
+            ("waiting = leaves[(self.tree.status", "not asked: self.part", "none beside it is certified of no part"),
+            ("both = np.flatnonzero(", "not asked: np.isin", "what has no box has no pair"),
+        ),
+    ),
+    Room(
+        "domain/sheets/seams",
+        ("near_folds", "cross"),
+        ("domain/sheets/test_sharp_seams.py",),
+        (
+            ("away <= _REACH", "any instead of all", "which proved folds are followed"),
+            ("away <= _REACH", "left × 0.5", "which proved folds are followed"),
+            ("away = np.abs(", "without theta", "which proved folds are followed"),
+            ("k = int(np.clip(", "without 2", "a curve that is walked goes beyond its middle"),
+        ),
+    ),
+    Room(
+        "domain/sheets/sheets",
+        (
+            "SheetAtlas.sheet_of",
+            "SheetAtlas._areas",
+            "SheetAtlas.sheets",
+            "SheetAtlas.counted_fraction",
+            "SheetAtlas.singular_fraction",
+            "SheetAtlas.undecided_fraction",
+            "SheetAtlas.number_of_solutions",
+            "SheetAtlas.sigma",
+            "SheetAtlas.way",
+            "SheetAtlas._turns",
+            "SheetAtlas.cusps",
+            "SheetAtlas._between",
+            "SheetAtlas._over",
+            "SheetAtlas._points",
+        ),
+        _ANSWERS,
+    ),
+    Room(
+        "domain/sheets/certifying",
+        ("certify_sheets", "_begun", "_survey", "_counted"),
+        _ANSWERS,
+        (
+            ("0.5 * effort.seconds", "", "how long is searched"),
+            ("effort.depth + _DEEPER", "", "how far cells are halved"),
+        ),
+    ),
+    Room("domain/sheets/merged", ("merge_sheets", "_refuse_others"), _ANSWERS),
+)
+
+EXCUSED: tuple[Excused, ...] = (
+    Excused("domain/sheets/sheets", ("SheetAtlas.__repr__",), "words"),
+    Excused("domain/sheets/sheets", ("SheetAtlas.save",), "files: `load` reads all that is to be there"),
+    Excused(
+        "domain/sheets/sheets",
+        ("SheetAtlas.folds", "SheetAtlas._ends"),
+        "from which boxes folds are looked for: `seams.cross` asks what is proved of them",
+    ),
+    Excused(
+        "domain/sheets/sheets",
+        ("SheetAtlas.mode_change",),
+        "which cell is tried: `solutions` and `way` refuse what is not proved",
+    ),
+    Excused(
+        "domain/sheets/seams",
+        ("_REACH", "_STRIDE"),
+        "which folds are followed and how long boxes are tried: `cross` asks what is proved of them",
+    ),
+    Excused("domain/sheets/cover", ("Front.run",), "what is told of progress"),
+    Excused(
+        "domain/sheets/cover",
+        ("_NEAR", "_near"),
+        "for which pairs a proof is tried: what is not glued is not claimed to be one sheet",
+    ),
+    Excused(
+        "domain/sheets/counting",
+        ("cover_singular", "_halve_cells"),
+        "how far cells are halved, and along which edge: each candidate is kept or handed down all the same",
+    ),
+    Excused(
+        "domain/sheets/counting",
+        ("_WIDEST", "_NEAR"),
+        "which candidates and pairs are tried: `alone_in` proves what is said of them",
+    ),
+)
