@@ -176,7 +176,7 @@ def _control(b):
             control.suggest_gains,
             {"model": b.model, "q_d": b.q, "domain": b.box, "margin": 1.5, "damping": 0.7, "near": None},
         ),
-        "PDSimpleGravity.torque": (b.law.torque, {"q": b.q, "v": b.rest, "t": 0.0, "near": None}),
+        "PDSimpleGravity.torque": (b.law.torque, {"state": b.state, "v": b.rest, "t": 0.0}),
         "PDSimpleGravity.lyapunov": (b.law.lyapunov, {"q": b.q, "v": b.rest, "near": None}),
         "SetPointCertificate.contains": (b.certificate.contains, {"q": b.q, "v": b.rest}),
     }
