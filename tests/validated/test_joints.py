@@ -42,10 +42,7 @@ FINE = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
 QUICK = {"order": 14, "tolerance": 1e-14, "pieces": 4}
 
 
-@pytest.fixture(autouse=True)
-def _precision():
-    with flint.ctx.workprec(128):
-        yield
+pytestmark = pytest.mark.usefixtures("precise")
 
 
 @pytest.mark.parametrize("name", MECHANISMS)

@@ -90,7 +90,7 @@ ROOMS: tuple[Room, ...] = (
             ("[None] * (program.size - size)", "without size", "values that no one asks for"),
             ("slopes[:size] = zero + np.eye", "without zero", "0 and 1 as numbers do as well"),
             ("found[k] = [narrowed(*entry)", "left out", "narrows what holds as it is"),
-            ("elif item.kind != PART and", "not asked: item.kind != PART", "narrowed again, from the same"),
+            ("elif item.kind != tape.PART and", "not asked: item.kind != tape.PART", "narrowed again, from the same"),
             ("inverses[matrix] = known", "left out", "found again where it is needed"),
         ),
     ),

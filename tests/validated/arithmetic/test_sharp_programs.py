@@ -16,10 +16,7 @@ from ccpin.validated.arithmetic.tape import CONSTANT, SINE, Node, Tape, is_zero
 LENGTH = 7
 
 
-@pytest.fixture(autouse=True)
-def _precision():
-    with flint().ctx.workprec(120):
-        yield
+pytestmark = pytest.mark.usefixtures("precise")
 
 
 def fraction(p, q=1):

@@ -17,10 +17,7 @@ X, Y = [0.5, 0.25, 0.125, 0.5, 1.0], [0.25, 0.5, 1.0, 0.125, 0.25]
 POWERS = H ** np.arange(20)
 
 
-@pytest.fixture(autouse=True)
-def _precision():
-    with flint().ctx.workprec(120):
-        yield
+pytestmark = pytest.mark.usefixtures("precise")
 
 
 def along(outputs, *polynomials):

@@ -33,10 +33,7 @@ from tests.support.parabola import parabola
 FREE = [0, 2, 1, 3]
 
 
-@pytest.fixture(autouse=True)
-def _precision():
-    with flint().ctx.workprec(120):
-        yield
+pytestmark = pytest.mark.usefixtures("precise")
 
 
 def arb(mid, rad=0.0):

@@ -33,10 +33,7 @@ PLUS = np.array([[0.0, 0.5], [2.0, 0.25]])  # M⁺
 MINUS = np.array([[-1.0, 0.5], [2.0, 0.25]])  # M
 
 
-@pytest.fixture(autouse=True)
-def _precision():
-    with flint().ctx.workprec(120):
-        yield
+pytestmark = pytest.mark.usefixtures("precise")
 
 
 def rational(value):

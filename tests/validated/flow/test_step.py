@@ -25,19 +25,10 @@ from ccpin.validated.flow.step import (  # noqa: E402
     start_of,
 )
 from ccpin.validated.model.closed_loop import recorded_loop  # noqa: E402
-from tests.support.enclosures import FREE, balls, numbers, paper_law, started  # noqa: E402
+from tests.support.enclosures import FREE, balls, numbers, started  # noqa: E402
 from tests.support.paper import START  # noqa: E402
 
-
-@pytest.fixture(autouse=True)
-def _precision():
-    with flint.ctx.workprec(128):
-        yield
-
-
-@pytest.fixture(scope="module")
-def law(rpdr_model):
-    return paper_law(rpdr_model)
+pytestmark = pytest.mark.usefixtures("precise")
 
 
 def known(name):

@@ -18,11 +18,7 @@ from ccpin.validated.model.closed_loop import recorded_loop  # noqa: E402
 from ccpin.validated.model.recorded_tree import closure_rows, exact_joints  # noqa: E402
 from tests.support.enclosures import balls, numbers  # noqa: E402
 
-
-@pytest.fixture(autouse=True)
-def _precision():
-    with flint.ctx.workprec(128):
-        yield
+pytestmark = pytest.mark.usefixtures("precise")
 
 
 @pytest.mark.parametrize("stated", [{}, {"damping": 0.3, "stiffness": 1.7, "spring_reference": 0.2}])

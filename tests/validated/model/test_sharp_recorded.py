@@ -35,11 +35,7 @@ from tests.support.recorded import (  # noqa: E402
 )
 from tests.support.strategies import Growth  # noqa: E402
 
-
-@pytest.fixture(autouse=True)
-def _precision():
-    with flint.ctx.workprec(128):
-        yield
+pytestmark = pytest.mark.usefixtures("precise")
 
 
 def compare(model, controller=None, seed=1, tolerance=1e-10):

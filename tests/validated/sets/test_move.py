@@ -15,16 +15,7 @@ from ccpin.validated import certify_move, enclose  # noqa: E402
 from tests.support.enclosures import FREE, accurately, paper_law  # noqa: E402
 from tests.support.paper import GOAL, START  # noqa: E402
 
-
-@pytest.fixture(autouse=True)
-def _precision():
-    with flint.ctx.workprec(128):
-        yield
-
-
-@pytest.fixture(scope="module")
-def law(rpdr_model):
-    return paper_law(rpdr_model)
+pytestmark = pytest.mark.usefixtures("precise")
 
 
 @pytest.fixture(scope="module")

@@ -19,11 +19,7 @@ from ccpin.validated.sets.branch import closed_boxes, jets_of, states_of
 from ccpin.validated.sets.curvature import Instants, UnboundedError, at_middles, boxes, curvature_over, feedback
 from tests.support.parabola import linear, lines, loop, parabola
 
-
-@pytest.fixture(autouse=True)
-def _precision():
-    with flint().ctx.workprec(120):
-        yield
+pytestmark = pytest.mark.usefixtures("precise")
 
 
 def arb(mid, rad=0.0):

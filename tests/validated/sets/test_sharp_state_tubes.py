@@ -10,7 +10,7 @@ from scipy.linalg import expm
 pytest.importorskip("flint")
 
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly
-from ccpin.validated.arithmetic.balls import ball, flint
+from ccpin.validated.arithmetic.balls import ball
 from ccpin.validated.arithmetic.series import all_series
 from ccpin.validated.arithmetic.tape import Tape
 from ccpin.validated.flow.step import ProvenStep, StepOptions, Stuck, WatchedField, attempt, start_of
@@ -22,11 +22,7 @@ from ccpin.validated.sets.subdivision import Starts, Tube, _at_a_sample, _grown,
 from ccpin.validated.sets.tube_theorem import SliceFrames, TimeSlice, _fitting, _stretch, _terms, advance
 from tests.support.parabola import linear, loop, parabola
 
-
-@pytest.fixture(autouse=True)
-def _precision():
-    with flint().ctx.workprec(120):
-        yield
+pytestmark = pytest.mark.usefixtures("precise")
 
 
 def drawn(seed, *shape):

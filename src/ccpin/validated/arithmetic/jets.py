@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
+from ccpin.validated.arithmetic import tape
 from ccpin.validated.arithmetic.ball_arrays import (
     BallArray,
     gain,
@@ -30,19 +31,7 @@ from ccpin.validated.arithmetic.ball_arrays import (
     zeros,
 )
 from ccpin.validated.arithmetic.series import NotInvertibleError
-from ccpin.validated.arithmetic.tape import (
-    ADD,
-    COSINE,
-    GAIN,
-    MULTIPLY,
-    PART,
-    SCALE,
-    SINE,
-    SOLVE,
-    SUBTRACT,
-    Instruction,
-    Program,
-)
+from ccpin.validated.arithmetic.tape import Instruction, Program
 
 
 class Jet(NamedTuple):
@@ -91,25 +80,25 @@ class _JetEvaluation:
     def visit(self, item: Instruction) -> None:
         """One value's jet."""
         found, a, b = self.found, item.a, item.b
-        if item.kind == MULTIPLY:
+        if item.kind == tape.MULTIPLY:
             result = self.product(found[a], found[b])
-        elif item.kind == ADD:
+        elif item.kind == tape.ADD:
             result = Jet._make(_sum(x, y) for x, y in zip(found[a], found[b], strict=True))
-        elif item.kind == SUBTRACT:
+        elif item.kind == tape.SUBTRACT:
             result = Jet._make(_sum(x, None if y is None else -y) for x, y in zip(found[a], found[b], strict=True))
-        elif item.kind == SCALE:
+        elif item.kind == tape.SCALE:
             factor = of_balls([[item.constant]]).at(0)
             result = Jet._make(None if x is None else _spread(factor, x.mid.ndim) * x for x in found[a])
-        elif item.kind in (SINE, COSINE):
+        elif item.kind in (tape.SINE, tape.COSINE):
             sine, cosine = self.trigonometric(a)
-            waves = (sine, cosine, -sine, -cosine) if item.kind == SINE else (cosine, -sine, -cosine, sine)
+            waves = (sine, cosine, -sine, -cosine) if item.kind == tape.SINE else (cosine, -sine, -cosine, sine)
             result = self.composed(found[a], waves)
-        elif item.kind == GAIN:
+        elif item.kind == tape.GAIN:
             result = self.composed(found[a], tuple(gain(found[a].value, b + k) for k in range(4)))
-        elif item.kind == SOLVE:
+        elif item.kind == tape.SOLVE:
             found[item.target] = self.solution(item)
             return
-        elif item.kind == PART:
+        elif item.kind == tape.PART:
             result = found[a][b]
         else:
             constant = of_balls([[item.constant]]).at(0)

@@ -8,20 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ccpin.validated.arithmetic import tape
 from ccpin.validated.arithmetic.balls import Ball, BallInverse, ball, flint, gain, inverse
-from ccpin.validated.arithmetic.tape import (
-    ADD,
-    COSINE,
-    GAIN,
-    MULTIPLY,
-    PART,
-    SCALE,
-    SINE,
-    SOLVE,
-    SUBTRACT,
-    Instruction,
-    Program,
-)
+from ccpin.validated.arithmetic.tape import Instruction, Program
 
 Memory = dict[Any, Any]  # a system's matrix (numbers of values) -> its inverse; (w, k) -> coefficients of g⁽ᵏ⁾(w)
 
@@ -50,23 +39,23 @@ def _values(program: Program, inputs: Sequence[Ball], inverses: Memory) -> list[
 
 def _value(item: Instruction, found: list[Any], inverses: Memory) -> Any:
     a, b = item.a, item.b
-    if item.kind == MULTIPLY:
+    if item.kind == tape.MULTIPLY:
         return found[a] * found[b]
-    if item.kind == ADD:
+    if item.kind == tape.ADD:
         return found[a] + found[b]
-    if item.kind == SUBTRACT:
+    if item.kind == tape.SUBTRACT:
         return found[a] - found[b]
-    if item.kind == SCALE:
+    if item.kind == tape.SCALE:
         return item.constant * found[a]
-    if item.kind == SINE:
+    if item.kind == tape.SINE:
         return found[a].sin()
-    if item.kind == COSINE:
+    if item.kind == tape.COSINE:
         return found[a].cos()
-    if item.kind == GAIN:
+    if item.kind == tape.GAIN:
         return gain(found[a], b)
-    if item.kind == PART:
+    if item.kind == tape.PART:
         return found[a][b]
-    if item.kind == SOLVE:
+    if item.kind == tape.SOLVE:
         right = flint().arb_mat([[found[number] for number in row] for row in b.right])
         return _inverse(b.matrix, found.__getitem__, inverses).times(right).entries()
     return item.constant
@@ -97,35 +86,35 @@ def gradients(program: Program, inputs: Sequence[Ball]) -> list[list[Ball]]:
     for item in program.instructions:
         k = item.target
         found[k] = _value(item, found, inverses)
-        if item.kind == SINE:  # its slope is the cosine, which comes next
+        if item.kind == tape.SINE:  # its slope is the cosine, which comes next
             found[item.b] = found[item.a].cos()
         slopes[k] = _gradient(item, found, slopes, zero, inverses)
-        if item.kind == SOLVE:
+        if item.kind == tape.SOLVE:
             found[k] = [narrowed(*entry) for entry in zip(found[k], middle[k], slopes[k], strict=True)]
-        elif item.kind != PART and not isinstance(slopes[k], int):
+        elif item.kind != tape.PART and not isinstance(slopes[k], int):
             found[k] = narrowed(found[k], middle[k], slopes[k])
     return [list(zero + slopes[number]) for number in program.outputs]
 
 
 def _gradient(item: Instruction, found: list[Any], slopes: list[Any], zero: Any, inverses: Memory) -> Any:
     a, b = item.a, item.b
-    if item.kind == MULTIPLY:
+    if item.kind == tape.MULTIPLY:
         return slopes[a] * found[b] + slopes[b] * found[a]
-    if item.kind == ADD:
+    if item.kind == tape.ADD:
         return slopes[a] + slopes[b]
-    if item.kind == SUBTRACT:
+    if item.kind == tape.SUBTRACT:
         return slopes[a] - slopes[b]
-    if item.kind == SCALE:
+    if item.kind == tape.SCALE:
         return slopes[a] * item.constant
-    if item.kind == SINE:
+    if item.kind == tape.SINE:
         return slopes[a] * found[b]
-    if item.kind == COSINE:
+    if item.kind == tape.COSINE:
         return slopes[a] * -found[b]
-    if item.kind == GAIN:
+    if item.kind == tape.GAIN:
         return slopes[a] * gain(found[a], b + 1)
-    if item.kind == PART:
+    if item.kind == tape.PART:
         return slopes[a][b]
-    if item.kind == SOLVE:
+    if item.kind == tape.SOLVE:
         return _solution_gradient(item, found, slopes, zero, inverses)
     return 0
 
@@ -188,21 +177,21 @@ def _extend(program: Program, series: list[Any], degree: int, inverses: Memory) 
 def _advance(item: Instruction, degree: int, series: list[Any], inverses: Memory) -> None:
     """Append the coefficient of one degree to one value."""
     a, b = item.a, item.b
-    if item.kind == MULTIPLY:
+    if item.kind == tape.MULTIPLY:
         result = sum(map(mul, series[a], reversed(series[b])))
-    elif item.kind == ADD:
+    elif item.kind == tape.ADD:
         result = series[a][degree] + series[b][degree]
-    elif item.kind == SUBTRACT:
+    elif item.kind == tape.SUBTRACT:
         result = series[a][degree] - series[b][degree]
-    elif item.kind == SCALE:
+    elif item.kind == tape.SCALE:
         result = item.constant * series[a][degree]
-    elif item.kind in (SINE, COSINE):
+    elif item.kind in (tape.SINE, tape.COSINE):
         result = _trigonometric(item, degree, series)
-    elif item.kind == GAIN:
+    elif item.kind == tape.GAIN:
         result = _composed(a, b, degree, series, inverses)
-    elif item.kind == PART:
+    elif item.kind == tape.PART:
         result = series[a][degree][b]
-    elif item.kind == SOLVE:
+    elif item.kind == tape.SOLVE:
         result = _solution(item, degree, series, inverses)
     else:
         result = item.constant if degree == 0 else ball(0)
@@ -213,9 +202,9 @@ def _trigonometric(item: Instruction, degree: int, series: list[Any]) -> Ball:
     """From s′ = c a′ and c′ = −s a′."""
     angle, other = series[item.a], series[item.b]
     if degree == 0:
-        return angle[0].sin() if item.kind == SINE else angle[0].cos()
+        return angle[0].sin() if item.kind == tape.SINE else angle[0].cos()
     total = sum(j * angle[j] * other[degree - j] for j in range(1, degree + 1))
-    return total / (degree if item.kind == SINE else -degree)
+    return total / (degree if item.kind == tape.SINE else -degree)
 
 
 def _composed(a: int, order: int, degree: int, series: list[Any], known: Memory) -> Ball:

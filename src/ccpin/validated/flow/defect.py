@@ -10,21 +10,10 @@ from collections.abc import Sequence
 from operator import mul
 from typing import Any, NamedTuple
 
+from ccpin.validated.arithmetic import tape
 from ccpin.validated.arithmetic.balls import Ball, around, ball, flint, gain, inverse, magnitude
 from ccpin.validated.arithmetic.series import NotInvertibleError, extend
-from ccpin.validated.arithmetic.tape import (
-    ADD,
-    COSINE,
-    GAIN,
-    MULTIPLY,
-    PART,
-    SCALE,
-    SINE,
-    SOLVE,
-    SUBTRACT,
-    Instruction,
-    Program,
-)
+from ccpin.validated.arithmetic.tape import Instruction, Program
 
 
 class _Bound(NamedTuple):
@@ -103,29 +92,29 @@ class _AlongPolynomial:
 
     def visit(self, item: Instruction) -> None:
         """Bound one value."""
-        if item.kind == SOLVE:
+        if item.kind == tape.SOLVE:
             self.bounds[item.target] = self.solution(item)
             return
-        if item.kind == PART:
+        if item.kind == tape.PART:
             self.bounds[item.target] = self.bounds[item.a][item.b]
             return
         self.bounds[item.target] = self.bound(self.series[item.target], self.rest(item))
 
     def rest(self, item: Instruction) -> Ball:
         """ω of a value that is not the solution of a linear system: the lemma's 1 and 2, sums and multiples."""
-        if item.kind in (ADD, SUBTRACT):
+        if item.kind in (tape.ADD, tape.SUBTRACT):
             return self.bounds[item.a].rest + self.bounds[item.b].rest
-        if item.kind == SCALE:
+        if item.kind == tape.SCALE:
             return magnitude(item.constant) * self.bounds[item.a].rest
-        if item.kind == MULTIPLY:
+        if item.kind == tape.MULTIPLY:
             a, b = self.bounds[item.a], self.bounds[item.b]
             return _tail(a, b) + a.size * b.rest + b.size * a.rest + a.rest * b.rest
-        if item.kind in (SINE, COSINE):
+        if item.kind in (tape.SINE, tape.COSINE):
             pair = zip(self.series[item.target], self.series[item.b], strict=True)
             both = self.bound([magnitude(s) + magnitude(c) for s, c in pair], ball(0))
             angle = self.bounds[item.a]
             return _tail(angle, both) + angle.rest
-        if item.kind == GAIN:
+        if item.kind == tape.GAIN:
             return self.composed(item)
         return ball(0)
 
