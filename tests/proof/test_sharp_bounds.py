@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.proof.bounds import Frame, Image
+from ccpin.proof.bounds import Image
 from ccpin.proof.chains import ChainStack
 from ccpin.proof.equations import Derivatives, Problem, third_bound
 from ccpin.proof.newton import Boxes, encloses, frame_of, holds, noise_of, without_turns
@@ -19,6 +19,7 @@ from ccpin.proof.reach_bounds import ChainLengths, ReachDrift, chain_reach
 from ccpin.proof.rounding import blur, widened
 from ccpin.proof.taylor import Pattern, Point, taylor_bounds
 from ccpin.proof.tips import by_joint, turns_of
+from tests.support.straight import random_frame
 
 N, M, P = 5, 2, 3  # n′, m and the parameters of a box
 
@@ -58,16 +59,7 @@ def case(rng, size=0.3):
         hessian + np.swapaxes(hessian, 2, 3),
         rng.uniform(0.2, 3.0, (1, 2, 4)),
     )
-    modes = np.zeros((1, N, M))
-    modes[:, 3:] = rng.normal(size=(1, M, M))
-    frame = Frame(
-        rng.normal(size=(1, M, M)),
-        rng.normal(size=(1, N, P)),
-        modes,
-        size * rng.uniform(0.5, 1, (1, P)),
-        np.array([0.01]),
-    )
-    return stack, theta, values, frame
+    return stack, theta, values, random_frame(rng, N, P, M, size)
 
 
 def taylor(stack, theta, values, frame):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ccpin.proof.bounds import Frame
 from ccpin.proof.phasors import Phasors, PhasorValues, _one_signed, _versine, planar_bounds
+from tests.support.straight import random_frame
 
 N, M, P, K = 4, 2, 2, 3
 
@@ -13,16 +13,7 @@ def case(rng, size):
     signs = rng.integers(-1, 2, (K, N)).astype(float)
     phasors = Phasors(signs, np.ones(K), np.zeros((M, K)), np.zeros((M, K)), np.zeros((M, N)), np.zeros(M))
     values = PhasorValues(*(rng.normal(size=(1, M, *shape)) for shape in ((), (N,), (K,), (K,))))
-    modes = np.zeros((1, N, M))
-    modes[:, 2:] = rng.normal(size=(1, M, M))
-    frame = Frame(
-        rng.normal(size=(1, M, M)),
-        rng.normal(size=(1, N, P)),
-        modes,
-        size * rng.uniform(0.5, 1, (1, P)),
-        np.array([0.01]),
-    )
-    return phasors, values, frame
+    return phasors, values, random_frame(rng, N, P, M, size)
 
 
 class Stated:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ccpin.proof.bounds import Frame
 from ccpin.proof.chains import Chain, ClosureSystem
 from ccpin.proof.equations import Closures
 from ccpin.proof.newton import Boxes
@@ -65,3 +66,16 @@ def boxes_about(centre, half, slope, radius, preconditioner=1.0, **others):
         "kappa": np.full(count, 0.9),
     }
     return Boxes(**(given | others))
+
+
+def random_frame(rng, unknowns, parameters, m, size):
+    """A frame of random numbers for one box; its dependent coordinates are the last m, its roundings large."""
+    modes = np.zeros((1, unknowns, m))
+    modes[:, -m:] = rng.normal(size=(1, m, m))
+    return Frame(
+        rng.normal(size=(1, m, m)),
+        rng.normal(size=(1, unknowns, parameters)),
+        modes,
+        size * rng.uniform(0.5, 1, (1, parameters)),
+        np.array([0.01]),
+    )

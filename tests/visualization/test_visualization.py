@@ -13,18 +13,8 @@ import pytest
 import ccpin
 from ccpin import visualization
 from ccpin.errors import CcpinError, InvalidInputError
-from tests.support.pages import animation, five_bar, five_bar_swing, messages, transforms, urdf_frames
+from tests.support.pages import animation, messages, transforms, urdf_frames
 from tests.support.places import MODELS
-
-
-@pytest.fixture(scope="module")
-def rpdr():
-    return five_bar()
-
-
-@pytest.fixture(scope="module")
-def swing():
-    return five_bar_swing()
 
 
 def test_importing_draws_in_neither_meshcat_nor_its_friends():

@@ -23,19 +23,9 @@ from ccpin.visualization.live import LiveRecorder
 from ccpin.visualization.scene import Scene
 from ccpin.visualization.scene_page import CommandRecorder
 from tests.support.browser import chromium, click, opened, pixels, press, settle
-from tests.support.pages import bare, five_bar, five_bar_swing, urdf_frames
+from tests.support.pages import bare, five_bar, urdf_frames
 from tests.support.paper import GOAL, START
 from tests.support.places import MODELS, SHARED
-
-
-@pytest.fixture(scope="module")
-def rpdr():
-    return five_bar()
-
-
-@pytest.fixture(scope="module")
-def swing():
-    return five_bar_swing()
 
 
 def test_recorder_forgets_what_is_overridden(rpdr, swing):
