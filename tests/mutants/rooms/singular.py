@@ -26,6 +26,24 @@ ROOMS: tuple[Room, ...] = (
         _TUBES,
     ),
     Room(
+        "domain/singular/joining",
+        (
+            "_ROUNDING",
+            "one_of_each",
+            "without_held",
+            "held",
+            "_numbers_of",
+            "_around",
+            "_Pool.of",
+            "_longer",
+            "_meetings",
+            "_closed",
+            "_gone_on",
+            "_if_held",
+        ),
+        ("domain/singular/test_sharp_joining.py",),
+    ),
+    Room(
         "domain/singular/settled_boxes",
         (
             "settled_beside",
@@ -52,6 +70,7 @@ ROOMS: tuple[Room, ...] = (
 )
 
 EXCUSED: tuple[Excused, ...] = (
+    Excused("domain/singular/joining", ("_REACH", "_Pool.near"), "which tubes are tried: `glued` and `held` prove"),
     Excused(
         "domain/singular/tubes",
         ("frames_at", "longest"),
