@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 from tests.mutants.changes import Change, changes_of, places_of
 from tests.mutants.room import Excused, Room
-from tests.mutants.rooms import auditing, domain, proof, sheets_and_curves, stability, validated
+from tests.mutants.rooms import auditing, domain, proof, sheets_and_curves, singular, stability, validated
 from tests.mutants.running import SOURCES, source_of
 
-_AREAS = (proof, domain, sheets_and_curves, stability, validated, auditing)
+_AREAS = (proof, domain, sheets_and_curves, singular, stability, validated, auditing)
 ROOMS: tuple[Room, ...] = tuple(room for area in _AREAS for room in area.ROOMS)
 EXCUSED: tuple[Excused, ...] = tuple(place for area in _AREAS for place in area.EXCUSED)
 WHOLE: tuple[str, ...] = ("auditing", "control/stability", "validated")

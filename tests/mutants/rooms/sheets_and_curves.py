@@ -1,21 +1,14 @@
-"""Sheets of configurations, curves of singular ones, folds and cusps."""
+"""Sheets of configurations."""
 
 from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
-_TUBES = (("hull = np.minimum(", "maximum instead of minimum", "the curve is within a wider hull too"),)
 ROOMS: tuple[Room, ...] = (
     Room(
         "domain/sheets/cover",
         ("Front._continued", "Front._first", "Front._try"),
         ("domain/sheets/test_sharp_front.py",),
-    ),
-    Room(
-        "domain/singular/tubes",
-        ("bounds_of", "certify_tubes", "_room"),
-        ("domain/singular/test_sharp_tubes.py",),
-        _TUBES,
     ),
 )
 

@@ -1,0 +1,49 @@
+"""Curves of singular configurations, folds and cusps."""
+
+from __future__ import annotations
+
+from tests.mutants.room import Excused, Room
+
+_TUBES = (("hull = np.minimum(", "maximum instead of minimum", "the curve is within a wider hull too"),)
+ROOMS: tuple[Room, ...] = (
+    Room(
+        "domain/singular/tubes",
+        ("bounds_of", "certify_tubes", "_room"),
+        ("domain/singular/test_sharp_tubes.py",),
+        _TUBES,
+    ),
+    Room(
+        "domain/singular/settled_boxes",
+        (
+            "settled_beside",
+            "settled",
+            "extents",
+            "directions",
+            "kernels",
+            "_drawn",
+            "_narrowed",
+            "_inside",
+            "settle_boxes",
+            "settle_task",
+            "_parts",
+        ),
+        ("domain/singular/test_sharp_settled_boxes.py",),
+        (
+            ("most = solve_many(", "", "any u > 0 will do: it is checked below"),
+            ("(most > 0.0) &", "0 let in", "Du < u fails where an entry of u is 0"),
+            ("worth = ~done & (wide", "", "which tubes are tried"),
+            ("wide = extent.max", "", "which tubes are tried"),
+            ("going = ~settled_now &", "", "how often a box is narrowed: only what is empty or inside is settled"),
+        ),
+    ),
+)
+
+EXCUSED: tuple[Excused, ...] = (
+    Excused(
+        "domain/singular/settled_boxes",
+        ("_WORTH", "Nearby.of", "Nearby._folded", "Nearby.beside", "_may_hold"),
+        "which tubes are tried: `settled` proves that one settles a box, `places_in` that it holds a point",
+    ),
+    Excused("domain/singular/settled_boxes", ("_ROOM", "_LEAST"), "which u of Lemma W is proposed: it is checked"),
+    Excused("domain/singular/settled_boxes", ("_PASSES", "_GAIN"), "how often a box is narrowed"),
+)
