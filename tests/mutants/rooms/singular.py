@@ -67,6 +67,11 @@ ROOMS: tuple[Room, ...] = (
             ("going = ~settled_now &", "", "how often a box is narrowed: only what is empty or inside is settled"),
         ),
     ),
+    Room(
+        "domain/singular/cover",
+        ("BEYOND", "CurveSearch.run", "CurveSearch._whole", "CurveSearch._kept", "CurveSearch._halved"),
+        ("domain/singular/test_sharp_cover.py",),
+    ),
 )
 
 EXCUSED: tuple[Excused, ...] = (
@@ -85,4 +90,13 @@ EXCUSED: tuple[Excused, ...] = (
     ),
     Excused("domain/singular/settled_boxes", ("_ROOM", "_LEAST"), "which u of Lemma W is proposed: it is checked"),
     Excused("domain/singular/settled_boxes", ("_PASSES", "_GAIN"), "how often a box is narrowed"),
+    Excused(
+        "domain/singular/cover",
+        (
+            *("_MANY", "_SMALL", "_FAR", "_ON_CURVE", "SearchDomain.meets", "CurveSearch._settled"),
+            *("CurveSearch._look_from", "CurveSearch._near", "CurveSearch._wanted"),
+        ),
+        "when and where curves are looked for, and how far followed: `certify_tubes` proves tubes, and boxes that none "
+        "settles are listed",
+    ),
 )

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Mask, joined, rows_of
+from ccpin.arrays import Array, Mask, apply, joined, rows_of
 from ccpin.covering.proposals.solving import closure_derivatives
 from ccpin.covering.pruning import rows_to_halve_for
 from ccpin.covering.region import Region
@@ -100,7 +100,7 @@ class CurveSearch:
         """
         waiting, limit = self._whole() if waiting is None else waiting, None
         small = [rows_of(waiting, slice(0))]
-        while waiting.cell.size and limit is None:
+        while waiting.cell.size:
             report(sum(len(chain.tubes.half) for chain in self.chains), len(waiting.cell))
             try:
                 waiting = self._settled(self._kept(waiting))
@@ -201,5 +201,8 @@ class CurveSearch:
         cut = np.argmax(steepest[:, rows_to_halve_for(self.problem)].max(axis=1) * half, axis=1)
         half[rows, cut] *= 0.5
         step = directions(self.problem, boxes)[rows, :, cut] * half[rows, cut, None]
-        half += np.where(step != 0.0, 4e-16 * (1.0 + np.abs(boxes.centre) + np.abs(step)), 0.0)
+        spare = np.where(step != 0.0, 4e-16 * (1.0 + np.abs(boxes.centre) + np.abs(step) + half), 0.0)
+        half += spare
+        system = self.problem.system  # where a middle of q is rounded those of y are off by slopes times that
+        half[:, system.dependent] += apply(np.abs(boxes.slopes), spare[:, system.independent])
         return joined([boxes._replace(centre=boxes.centre + side * step, half=half) for side in (-1.0, 1.0)])
