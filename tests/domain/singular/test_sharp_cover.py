@@ -119,7 +119,7 @@ def test_the_first_box_holds_the_region_and_the_ranges():
     np.testing.assert_allclose(box.centre[0], [0.25, 0.25, -0.5, 2.125], rtol=1e-15)
     np.testing.assert_allclose(box.half[0] - [0.25, 1.25, 3.5, 0.125], 1e-12, rtol=2e-3)
     assert not box.slopes.any()
-    assert module.BEYOND == pytest.approx(1e-12, rel=1e-9)
+    assert pytest.approx(1e-12, rel=1e-9) == module.BEYOND
 
 
 class Told:

@@ -146,12 +146,12 @@ def test_what_a_piece_of_a_tube_is_within(monkeypatch, z, hull):
     def tilted(*given):
         return values(*given)._replace(slope=np.array([[[-0.2, 1.0, 0.0], [0.0, 0.0, 1.0]]]))
 
-    one = tubes((0.5, 0.5), way=-1.0)._replace(hull=np.array([[0.0, hull, hull]]))
+    one = tubes((0.5, 0.5), way=-1.0)._replace(hull=np.array([[0.0, hull, hull]]), tangent=np.array([[-1.0, 0.4, 0.0]]))
     monkeypatch.setattr(module, "values_at", tilted)
     monkeypatch.setattr(module, "bounds_of", bounds)
-    middle = Points(np.array([[0.25, 0.05, 1.0]]), np.zeros((1, 3)))
+    middle = Points(np.array([[0.25, 0.06, 1.0]]), np.zeros((1, 3)))
     found = _around(PERIODIC, one, _Piece(np.array([0.125]), np.array([0.2])), middle)
-    radius = np.array([0.0, 0.05 + hull + 1e-13 + 0.2 * 0.2, hull + 1e-13])  # s = ⅛ that way is θ₁ = ⅜
+    radius = np.array([0.0, 0.01 + hull + 1e-13 + 0.2 * 0.6, hull + 1e-13])  # at s = ⅛ the middle line has θ₂ = 0.05
     for tangent, half, given in asked:
         np.testing.assert_allclose(tangent, [-1.0, -0.2, 0.0], atol=1e-14)
         assert half == 0.2
@@ -230,6 +230,8 @@ def test_closed_chains_stay_and_open_ones_in_them_go():
     ring, line = TubeChain(chain(*run(0, 26)).tubes, True), chain(*run(-2, 30))
     for given in ([ring, line], [line, ring]):
         assert [one.closed for one in without_held(PERIODIC, given)] == [True]
+    said, longer = TubeChain(chain(*run(0, 10)).tubes, True), chain(*run(-2, 12))
+    assert sorted(one.closed for one in without_held(PERIODIC, [said, longer])) == [False, True]
     assert [one.closed for one in without_held(PERIODIC, [chain(*run(2, 9)), ring])] == [True]
 
 
@@ -254,6 +256,19 @@ def test_nothing_is_lost(seed):
         assert holds_all(found, parts)
     again = one_of_each(PERIODIC, found)
     assert sorted(len(one.tubes.half) for one in again) == sorted(len(one.tubes.half) for one in found)
+
+
+def test_a_closed_chain_is_not_gone_on_in():
+    """Nor does it go on itself; another open one is, and keeps its place among those that stay."""
+    ring, line = TubeChain(chain(*run(0, 26)).tubes, True), chain(*run(2, 6), (1.5, 0.4))
+    assert module._longer(PERIODIC, [line, ring], 0) is None
+    assert module._longer(PERIODIC, [ring, line], 0) is None
+    on, apart = chain(*run(4, 10)), [chain((k, 0.3)) for k in (3.5, 4.5)]
+    found, place = module._longer(PERIODIC, [on, apart[0], chain(*run(0, 6)), apart[1]], 2)
+    assert place == 1
+    assert [len(one.tubes.half) for one in found] == [1, 10, 1]
+    assert found[0] is apart[0]
+    assert found[2] is apart[1]
 
 
 def test_turned_chains_run_the_other_way():

@@ -42,6 +42,12 @@ ROOMS: tuple[Room, ...] = (
             "_if_held",
         ),
         ("domain/singular/test_sharp_joining.py",),
+        (
+            ("found[row[~nearby.hold(middle)]] = False", "", "such a piece is halved until there are no halves left"),
+            ("meeting.turned == turned", "not asked: meeting.turned", "no curve is glued to itself turned round"),
+            ("found.append(_Meeting(", "", "the order in which joints are tried"),
+            ("other.closed >= chain.closed", "left × 2", "a truth is 0 or 1, and 2 is above 1 too"),
+        ),
     ),
     Room(
         "domain/singular/settled_boxes",

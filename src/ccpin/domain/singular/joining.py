@@ -195,14 +195,16 @@ def _meetings(problem: Problem, chain: TubeChain, pool: _Pool) -> list[_Meeting]
 
 def _closed(problem: Problem, chain: TubeChain, meeting: _Meeting) -> TubeChain | None:
     """What is left of a chain that meets itself, closed; ``None`` where that is not proved to hold the rest."""
-    ends = [slice(meeting.there), slice(meeting.here + 1, None)]
-    kept = TubeChain(rows_of(chain.tubes, slice(meeting.there, meeting.here + 1)), True)
+    after = meeting.here + 1
+    ends = [slice(meeting.there), slice(after, None)]
+    kept = TubeChain(rows_of(chain.tubes, slice(meeting.there, after)), True)
     return _if_held(problem, [rows_of(chain.tubes, end) for end in ends], kept)
 
 
 def _gone_on(problem: Problem, chain: TubeChain, other: TubeChain, meeting: _Meeting) -> TubeChain | None:
     """A chain that goes on in another one; ``None`` where it is not proved to hold the rest of both."""
-    first, behind = (rows_of(chain.tubes, part) for part in (slice(meeting.here + 1), slice(meeting.here + 1, None)))
+    after = meeting.here + 1
+    first, behind = (rows_of(chain.tubes, part) for part in (slice(after), slice(after, None)))
     before, on = (rows_of(other.tubes, part) for part in (slice(meeting.there), slice(meeting.there, None)))
     return _if_held(problem, [behind, before], TubeChain(joined([first, on]), False))
 
