@@ -50,6 +50,17 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
+        "domain/singular/merged",
+        ("_ALIGNED", "merge_covers", "_refuse_others", "filled", "_stretches", "_between", "_missing"),
+        ("domain/singular/test_sharp_merged.py",),
+        (
+            ("row = int(", "", "which of the limits are named"),
+            ("if covered[slab].any():", "", "which box that is left out is named"),
+            ("if width >= TURN - _ALIGNED:", "without _ALIGNED", "what is so short a turn is so by `_between` too"),
+            ("inside = (cuts[:-1, None] >=", "without _ALIGNED", "the tolerance of the other side is enough"),
+        ),
+    ),
+    Room(
         "domain/singular/settled_boxes",
         (
             "settled_beside",
