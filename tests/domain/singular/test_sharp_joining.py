@@ -1,55 +1,21 @@
 """Chains joined on curves that are straight lines and circles, where what each tube holds is known to the last bit."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from ccpin.arrays import joined
 from ccpin.domain.singular import joining as module
-from ccpin.domain.singular import tubes as tubes_module
-from ccpin.domain.singular.curve_equations import Drift, Values
 from ccpin.domain.singular.following import TubeChain
 from ccpin.domain.singular.joining import _around, _Piece, _Pool, held, one_of_each, without_held
-from ccpin.domain.singular.tubes import Points, Stated, TubeBounds, glued, proved_again
+from ccpin.domain.singular.tubes import Points, TubeBounds
+from tests.support.straight_curves import PROBLEM, is_chain, straighten, tubes, values
 
-PERIODIC = SimpleNamespace(system=SimpleNamespace(n_free=2, m=1, periodic=np.array([True, False])))
 SLACK = 1.0 + 1e-10
-
-
-def values(problem, theta, kernel, pairing):
-    """G = (θ₂, w − 1): its zeros are θ₂ = 0, w = 1, any θ₁."""
-    count = len(theta)
-    slope = np.tile(np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), (count, 1, 1))
-    value = np.concatenate([theta[:, 1:], kernel - 1.0], axis=1)
-    return Values(theta, kernel, pairing, value, slope, np.zeros((count, 2, 3, 3)), None, np.zeros(count))
 
 
 @pytest.fixture(autouse=True)
 def _straight(monkeypatch):
-    for place in (module, tubes_module):
-        monkeypatch.setattr(place, "values_at", values)
-    monkeypatch.setattr(tubes_module, "first_order", lambda *given: (values(*given).value,))
-    monkeypatch.setattr(tubes_module, "rounding_at", lambda problem, theta, *_: np.zeros(len(theta)))
-    monkeypatch.setattr(tubes_module, "drift", lambda problem, at, box: Drift(*np.zeros((2, len(box), 2))))
-
-
-def tubes(*pieces, way=1.0, pairing=1.0, radius=0.1):
-    """Proved tubes about |θ₁ − c| ≤ h."""
-    c, h = np.array(pieces, dtype=float).T
-    count = len(c)
-    given = Stated(
-        theta=np.stack([c, np.zeros(count)], axis=1),
-        kernel=np.ones((count, 1)),
-        pairing=np.full((count, 1), pairing),
-        along=np.zeros(count, dtype=np.intp),
-        tangent=np.tile([way, 0.0, 0.0], (count, 1)),
-        half=h,
-        radius=np.tile([0.0, radius, radius], (count, 1)),
-    )
-    found = proved_again(PERIODIC, given)
-    assert found.proved.all()
-    return found.tubes
+    straighten(monkeypatch, module)
 
 
 def chain(*pieces, way=1.0, closed=False):
@@ -64,13 +30,6 @@ def run(first, last, step=0.25, half=0.4):
 def ends(one):
     """Lower and upper ends of what a chain's tubes hold, (T, 2)."""
     return np.stack([one.tubes.theta[:, 0] - one.tubes.half, one.tubes.theta[:, 0] + one.tubes.half], axis=1)
-
-
-def is_chain(one):
-    """Whether it is what it says: glued from each to the next, and from the last to the first."""
-    count = len(one.tubes.half)
-    pairs = [(k, k + 1) for k in range(count - 1)] + [(count - 1, 0)] * one.closed
-    return all(bool(glued(PERIODIC, one.tubes.take(np.array([a])), one.tubes.take(np.array([b])))[0]) for a, b in pairs)
 
 
 def holds_all(after, before):
@@ -91,20 +50,20 @@ def holds_all(after, before):
 def test_what_others_hold():
     """A tube that no one other holds is held by two that overlap, in halves; not where they leave a gap, or touch."""
     one = tubes((0.5, 0.5))
-    assert held(PERIODIC, one, tubes((0.5, 0.6))).tolist() == [True]
-    assert held(PERIODIC, one, tubes((0.2, 0.4), (0.8, 0.4))).tolist() == [True]
-    assert held(PERIODIC, one, tubes((0.2, 0.25), (0.8, 0.25))).tolist() == [False]
-    assert held(PERIODIC, one, tubes((0.2, 0.3), (0.8, 0.3))).tolist() == [False]
-    assert held(PERIODIC, one, tubes((0.0, 0.45), (1.0, 0.45))).tolist() == [False]  # the middle
-    assert held(PERIODIC, one, tubes((0.35, 0.36), (0.9, 0.21))).tolist() == [True]
-    assert held(PERIODIC, one, tubes((0.5, 0.499))).tolist() == [False]
-    assert held(PERIODIC, one, tubes((0.5 + 2 * np.pi, 0.6))).tolist() == [True]
+    assert held(PROBLEM, one, tubes((0.5, 0.6))).tolist() == [True]
+    assert held(PROBLEM, one, tubes((0.2, 0.4), (0.8, 0.4))).tolist() == [True]
+    assert held(PROBLEM, one, tubes((0.2, 0.25), (0.8, 0.25))).tolist() == [False]
+    assert held(PROBLEM, one, tubes((0.2, 0.3), (0.8, 0.3))).tolist() == [False]
+    assert held(PROBLEM, one, tubes((0.0, 0.45), (1.0, 0.45))).tolist() == [False]  # the middle
+    assert held(PROBLEM, one, tubes((0.35, 0.36), (0.9, 0.21))).tolist() == [True]
+    assert held(PROBLEM, one, tubes((0.5, 0.499))).tolist() == [False]
+    assert held(PROBLEM, one, tubes((0.5 + 2 * np.pi, 0.6))).tolist() == [True]
 
 
 def test_each_tube_is_held_for_itself():
     """Three of which the middle one is not."""
     others = tubes((0.0, 0.6), (4.0, 0.3), (4.4, 0.3))
-    assert held(PERIODIC, tubes((0.0, 0.5), (2.0, 0.5), (4.2, 0.4)), others).tolist() == [True, False, True]
+    assert held(PROBLEM, tubes((0.0, 0.5), (2.0, 0.5), (4.2, 0.4)), others).tolist() == [True, False, True]
 
 
 @pytest.mark.parametrize(
@@ -124,7 +83,7 @@ def test_a_tube_among_the_others_is_held_by_itself(change, same):
     one, others = tubes(piece), tubes(other, **change)
     assert module._among(one, others).tolist() == [same]
     if same:
-        assert held(PERIODIC, one, others).tolist() == [True]
+        assert held(PROBLEM, one, others).tolist() == [True]
 
 
 def test_tubes_along_other_coordinates_are_others():
@@ -150,7 +109,7 @@ def test_what_a_piece_of_a_tube_is_within(monkeypatch, z, hull):
     monkeypatch.setattr(module, "values_at", tilted)
     monkeypatch.setattr(module, "bounds_of", bounds)
     middle = Points(np.array([[0.25, 0.06, 1.0]]), np.zeros((1, 3)))
-    found = _around(PERIODIC, one, _Piece(np.array([0.125]), np.array([0.2])), middle)
+    found = _around(PROBLEM, one, _Piece(np.array([0.125]), np.array([0.2])), middle)
     radius = np.array([0.0, 0.01 + hull + 1e-13 + 0.2 * 0.6, hull + 1e-13])  # at s = ⅛ the middle line has θ₂ = 0.05
     for tangent, half, given in asked:
         np.testing.assert_allclose(tangent, [-1.0, -0.2, 0.0], atol=1e-14)
@@ -180,7 +139,7 @@ def test_pools_know_whose_their_tubes_are():
 def test_parts_of_a_line_are_one(ways, order):
     """Two that overlap are joined, whichever way they run; what lies apart stays as it is."""
     parts = [chain(*run(0, 6), way=ways[0]), chain(*run(4, 10), way=ways[1]), chain((-2.5, 0.3))]
-    found = one_of_each(PERIODIC, [parts[k] for k in order])
+    found = one_of_each(PROBLEM, [parts[k] for k in order])
     assert sorted(len(one.tubes.half) for one in found) == [1, 10]
     assert not any(one.closed for one in found)
     assert all(is_chain(one) for one in found)
@@ -190,7 +149,7 @@ def test_parts_of_a_line_are_one(ways, order):
 @pytest.mark.parametrize("ways", [(1.0, 1.0, 1.0), (1.0, -1.0, 1.0), (-1.0, -1.0, 1.0)])
 def test_parts_of_a_circle_are_one_and_closed(ways):
     parts = [chain(*run(a, b), way=way) for (a, b), way in zip([(0, 10), (8, 20), (18, 28)], ways, strict=True)]
-    (found,) = one_of_each(PERIODIC, parts)
+    (found,) = one_of_each(PROBLEM, parts)
     assert found.closed
     assert is_chain(found)
     assert holds_all([found], parts)
@@ -200,7 +159,7 @@ def test_parts_of_a_circle_are_one_and_closed(ways):
 def test_a_chain_that_meets_itself_is_closed():
     """Beyond where it began it is left out, what began before it too."""
     one = chain(*run(0, 30))
-    (found,) = one_of_each(PERIODIC, [one])
+    (found,) = one_of_each(PROBLEM, [one])
     assert found.closed
     assert is_chain(found)
     assert holds_all([found], [one])
@@ -209,7 +168,7 @@ def test_a_chain_that_meets_itself_is_closed():
 def test_what_is_left_out_is_held_or_all_stays():
     """A last tube that is longer than what goes on would be lost: both chains stay."""
     one, other = chain(*run(0, 4), (1.0, 1.2)), chain(*run(2, 6))
-    found = one_of_each(PERIODIC, [one, other])
+    found = one_of_each(PROBLEM, [one, other])
     assert holds_all(found, [one, other])
     assert all(is_chain(each) for each in found)
     assert any(np.any(each.tubes.half == 1.2) for each in found)
@@ -218,21 +177,21 @@ def test_what_is_left_out_is_held_or_all_stays():
 def test_of_chains_that_hold_one_another_one_stays():
     whole, part, again = chain(*run(0, 10)), chain((1.0, 0.3), (1.25, 0.3)), chain(*run(0, 10), way=-1.0)
     for given in ([whole, part, again], [part, again, whole], [again, whole, part]):
-        found = without_held(PERIODIC, given)
+        found = without_held(PROBLEM, given)
         assert len(found) == 1
         assert len(found[0].tubes.half) == 10
-    assert without_held(PERIODIC, [part, chain((4.0, 0.3))])[0] is part
-    assert without_held(PERIODIC, []) == []
+    assert without_held(PROBLEM, [part, chain((4.0, 0.3))])[0] is part
+    assert without_held(PROBLEM, []) == []
 
 
 def test_closed_chains_stay_and_open_ones_in_them_go():
     """Also where the open one holds all of it."""
     ring, line = TubeChain(chain(*run(0, 26)).tubes, True), chain(*run(-2, 30))
     for given in ([ring, line], [line, ring]):
-        assert [one.closed for one in without_held(PERIODIC, given)] == [True]
+        assert [one.closed for one in without_held(PROBLEM, given)] == [True]
     said, longer = TubeChain(chain(*run(0, 10)).tubes, True), chain(*run(-2, 12))
-    assert sorted(one.closed for one in without_held(PERIODIC, [said, longer])) == [False, True]
-    assert [one.closed for one in without_held(PERIODIC, [chain(*run(2, 9)), ring])] == [True]
+    assert sorted(one.closed for one in without_held(PROBLEM, [said, longer])) == [False, True]
+    assert [one.closed for one in without_held(PROBLEM, [chain(*run(2, 9)), ring])] == [True]
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -249,22 +208,22 @@ def test_nothing_is_lost(seed):
         one = TubeChain(tubes(*pieces), False)
         if is_chain(one):
             parts.append(module._turned(one) if rng.integers(2) else one)
-    found = one_of_each(PERIODIC, parts)
+    found = one_of_each(PROBLEM, parts)
     assert len(found) <= len(parts)
     assert all(is_chain(one) for one in found)
     if parts:
         assert holds_all(found, parts)
-    again = one_of_each(PERIODIC, found)
+    again = one_of_each(PROBLEM, found)
     assert sorted(len(one.tubes.half) for one in again) == sorted(len(one.tubes.half) for one in found)
 
 
 def test_a_closed_chain_is_not_gone_on_in():
     """Nor does it go on itself; another open one is, and keeps its place among those that stay."""
     ring, line = TubeChain(chain(*run(0, 26)).tubes, True), chain(*run(2, 6), (1.5, 0.4))
-    assert module._longer(PERIODIC, [line, ring], 0) is None
-    assert module._longer(PERIODIC, [ring, line], 0) is None
+    assert module._longer(PROBLEM, [line, ring], 0) is None
+    assert module._longer(PROBLEM, [ring, line], 0) is None
     on, apart = chain(*run(4, 10)), [chain((k, 0.3)) for k in (3.5, 4.5)]
-    found, place = module._longer(PERIODIC, [on, apart[0], chain(*run(0, 6)), apart[1]], 2)
+    found, place = module._longer(PROBLEM, [on, apart[0], chain(*run(0, 6)), apart[1]], 2)
     assert place == 1
     assert [len(one.tubes.half) for one in found] == [1, 10, 1]
     assert found[0] is apart[0]

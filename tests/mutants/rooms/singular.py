@@ -50,6 +50,17 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
+        "domain/singular/following",
+        ("prolonged", "_one_way", "_next"),
+        ("domain/singular/test_sharp_following.py",),
+        (
+            ("if back.inside[0] and", "back", "a look before `glued` is asked, which proves it"),
+            ("if back.inside[0] and", "0 let in", "a look before `glued` is asked, which proves it"),
+            ("while len(tubes)", "MOST_TUBES", "how far curves are followed"),
+            ("sizes = np.maximum(", "", "which lengths are tried"),
+        ),
+    ),
+    Room(
         "domain/singular/merged",
         ("_ALIGNED", "merge_covers", "_refuse_others", "filled", "_stretches", "_between", "_missing"),
         ("domain/singular/test_sharp_merged.py",),
@@ -92,6 +103,11 @@ ROOMS: tuple[Room, ...] = (
 )
 
 EXCUSED: tuple[Excused, ...] = (
+    Excused(
+        "domain/singular/following",
+        ("_FIRST", "_NEXT", "_LEAST", "_ON", "_SAME"),
+        "which tubes are tried: `certify_tubes` and `glued` prove them",
+    ),
     Excused("domain/singular/joining", ("_REACH", "_Pool.near"), "which tubes are tried: `glued` and `held` prove"),
     Excused(
         "domain/singular/tubes",
