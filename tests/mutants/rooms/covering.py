@@ -54,6 +54,26 @@ ROOMS: tuple[Room, ...] = (
         ),
         _TESTS,
     ),
+    Room(
+        "covering/merging",
+        (
+            "_TURN",
+            "_SPARE",
+            "_SPARE_ROUNDINGS",
+            "CellOffset.of",
+            "whole_region",
+            "grafted",
+            "_cut",
+            "_place",
+            "_aligned",
+            "_graft",
+        ),
+        ("covering/test_sharp_merging.py",),
+        (
+            ("exact = [k", "not asked: np.array_equal(places[k][0], lower)", "a part lies in the cells it is held for"),
+            ("child=np.where(cells.child >= 0", "0 left out", "no half is the region"),
+        ),
+    ),
 )
 
 EXCUSED: tuple[Excused, ...] = (
