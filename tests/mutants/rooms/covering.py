@@ -6,6 +6,7 @@ from tests.mutants.room import Excused, Room
 
 _TESTS = ("covering/test_sharp_regions_cells.py",)
 _TRIED = ("covering/test_sharp_tried_boxes.py",)
+_CHUNKS = ("covering/test_sharp_chunks.py",)
 _BEGUN = "where Newton's method begins and what is tried: `certify_boxes` proves it, who carries a branch on glues it"
 ROOMS: tuple[Room, ...] = (
     Room(
@@ -99,6 +100,8 @@ ROOMS: tuple[Room, ...] = (
             ("movable & np.isfinite(turns)", "not asked: np.isfinite(turns)", "nothing is proved about no numbers"),
         ),
     ),
+    Room("covering/runner", ("ChunkStore.__init__", "ChunkStore.key", "ChunkStore.load", "Runner.map"), _CHUNKS),
+    Room("covering/sources", ("_digest",), _CHUNKS),
 )
 
 EXCUSED: tuple[Excused, ...] = (
