@@ -44,6 +44,7 @@ EXCUSED: tuple[Excused, ...] = tuple(place for area in _AREAS for place in area.
 WHOLE: tuple[str, ...] = (
     "auditing",
     "control/stability",
+    "covering",
     "domain/atlas",
     "domain/closures",
     "domain/documents",

@@ -1,13 +1,14 @@
-"""Closures written down by hand of which all is known: y = Sq + d, and sin(q + y) = 0."""
+"""Closures written down by hand of which all is known: y = Sq + d, sin(q + y) = 0, and two links that reach a point."""
 
 import numpy as np
 
 from ccpin.proof.bounds import Frame
 from ccpin.proof.chains import Chain, ClosureSystem
-from ccpin.proof.equations import Closures
+from ccpin.proof.equations import Closures, Problem, problem_of
 from ccpin.proof.newton import Boxes
 
 Y, Z = np.eye(3)[1:]
+_PLANE = np.eye(3)[[0, 2]]
 
 
 def straight(slope, offset=None):
@@ -43,6 +44,36 @@ def circles(n=1, planar=False):
         periodic=np.ones(size, dtype=bool),
     )
     return Closures(system, planar)
+
+
+def arm():
+    """The problem of two links of length 1 that reach (q₁, 0, q₂), turned by y₁ and y₂: `reached_by` says how."""
+    still, along = np.tile(np.eye(3), (2, 1, 1)), np.tile(Y, (2, 1))
+    link = np.eye(3)[0]
+    chain = Chain(np.array([2, 3]), still, np.array([0.0 * link, link]), along, np.zeros(2, bool), link, False, _PLANE)
+    system = ClosureSystem(
+        chains=(chain,),
+        couplings=np.hstack([-np.eye(2), np.zeros((2, 2))]),
+        offset=np.zeros(2),
+        moduli=np.zeros(2),
+        independent=np.arange(2),
+        dependent=np.arange(2, 4),
+        periodic=np.array([False, False, True, True]),
+    )
+    return problem_of(system)
+
+
+def reached_by(y):
+    """θ (…, 4) of the arm turned by y (…, 2)."""
+    y = np.array(y, dtype=float)
+    first, both = y[..., 0], y[..., 0] + y[..., 1]
+    q = np.cos(first) + np.cos(both), -np.sin(first) - np.sin(both)
+    return np.stack([*q, y[..., 0], y[..., 1]], axis=-1)
+
+
+def problem_by_hand(equations):
+    """Closures as what the searches are told, by reach bounds."""
+    return Problem(equations.system, equations.stack, None)
 
 
 def at_points(boxes):

@@ -5,6 +5,9 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _TESTS = ("covering/test_sharp_regions_cells.py",)
+_TRIED = ("covering/test_sharp_tried_boxes.py",)
+_CHUNKS = ("covering/test_sharp_chunks.py",)
+_BEGUN = "where Newton's method begins and what is tried: `certify_boxes` proves it, who carries a branch on glues it"
 ROOMS: tuple[Room, ...] = (
     Room(
         "covering/region",
@@ -54,6 +57,51 @@ ROOMS: tuple[Room, ...] = (
         ),
         _TESTS,
     ),
+    Room(
+        "covering/merging",
+        (
+            "_TURN",
+            "_SPARE",
+            "_SPARE_ROUNDINGS",
+            "CellOffset.of",
+            "whole_region",
+            "grafted",
+            "_cut",
+            "_place",
+            "_aligned",
+            "_graft",
+        ),
+        ("covering/test_sharp_merging.py",),
+        (
+            ("exact = [k", "not asked: np.array_equal(places[k][0], lower)", "a part lies in the cells it is held for"),
+            ("child=np.where(cells.child >= 0", "0 left out", "no half is the region"),
+        ),
+    ),
+    Room(
+        "covering/proposals/krawczyk",
+        ("certify_boxes", "_attempt"),
+        _TRIED,
+        (
+            ("if not retry.size", "not asked: not retry.size", "what is tried again may be nothing"),
+            ("if not retry.size", "not asked: problem.system.m == 1", "`holds` checks what is tried again"),
+            ("radius = np.maximum(radius + noise", "", "R of a box that is tried: `holds` checks it"),
+            ("candidates = np.flatnonzero", "any instead of all", "R is found in all rows or in none"),
+        ),
+    ),
+    Room("covering/proposals/solving", ("glued",), _TRIED),
+    Room(
+        "covering/proposals/tasks",
+        ("glue_task", "prove", "_spread", "_turned", "_parts"),
+        _TRIED,
+        (
+            ("theta[:, system.dependent] += apply", "", _BEGUN),
+            ("step = cells.centre - cells.start", "", _BEGUN),
+            ("settled = at_face.settled & at_centre.settled", "", _BEGUN),
+            ("movable & np.isfinite(turns)", "not asked: np.isfinite(turns)", "nothing is proved about no numbers"),
+        ),
+    ),
+    Room("covering/runner", ("ChunkStore.__init__", "ChunkStore.key", "ChunkStore.load", "Runner.map"), _CHUNKS),
+    Room("covering/sources", ("_digest",), _CHUNKS),
 )
 
 EXCUSED: tuple[Excused, ...] = (
@@ -75,6 +123,7 @@ EXCUSED: tuple[Excused, ...] = (
         ("_LARGEST_STEP", "_SETTLED", "_LOST", "_LONGEST", "newton", "extrapolate", "solved"),
         "points near solutions, about which boxes are proved",
     ),
+    Excused("covering/proposals/tasks", ("_NEAR",), _BEGUN),
     Excused(
         "covering/runner",
         ("_POLL", "_STALLED", "Runner.within", "Runner._submit", "Runner._result"),
