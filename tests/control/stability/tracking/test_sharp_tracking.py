@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.control import ComputedTorque, PDPlus
+from ccpin.control import ComputedTorque, PDOnlineGravity, PDPlus
 from ccpin.control.stability.tracking import deviation, error_equations, on_line, tracking_error, tube_search
 from ccpin.control.stability.tracking.deviation import Deviation, thickened
 from ccpin.control.stability.tracking.error_equations import equation_of
@@ -403,19 +403,19 @@ def test_bounds_that_are_given():
             tracking_error._bound(bad, "x", 2)
 
 
-@pytest.mark.parametrize("wrong", [{"scalar": False}, {"constant": False}, {"actuation": 1}, {"law": "other"}])
+@pytest.mark.parametrize(
+    "wrong", [{"scalar": False}, {"constant": False}, {"actuation": 1}, {"law": TrackingLaw}, {"law": PDOnlineGravity}]
+)
 def test_what_the_theorem_is_about(monkeypatch, wrong):
     """Scalar coordinates that stay, and motors on them."""
-    kinds = {ComputedTorque: "computed_torque", PDPlus: "pd_plus"}
+    kinds = {ComputedTorque: "computed_torque", PDPlus: "pd_plus", PDOnlineGravity: "pd_gravity"}
     monkeypatch.setattr(error_equations, "kind_of", lambda law: kinds.get(type(law)))
     coordinates = SimpleNamespace(scalar=wrong.get("scalar", True), constant=wrong.get("constant", True))
     model = SimpleNamespace(
         mechanism=SimpleNamespace(name="m"), coordinates=coordinates, actuation=wrong.get("actuation")
     )
-    if "law" in wrong:
-        made = object.__new__(type("Other", (TrackingLaw,), {"torque": lambda *_: None, "_force": lambda *_: None}))
-    else:
-        made = object.__new__(ComputedTorque)
+    kind = wrong.get("law", ComputedTorque)
+    made = object.__new__(type("Other", (kind,), {"_force": lambda *_: None}) if kind is TrackingLaw else kind)
     object.__setattr__(made, "model", model)
     with pytest.raises(UnsupportedMechanismError):
         tracking_error._check(made)

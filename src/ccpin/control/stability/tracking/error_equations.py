@@ -48,12 +48,13 @@ def equation_of(law: TrackingLaw) -> ErrorEquation:
         UnsupportedMechanismError: The theorem is not about laws of its kind.
     """
     kind = kind_of(law)
-    if kind is None or kind not in ERROR_EQUATIONS:
+    equation = None if kind is None else ERROR_EQUATIONS.get(kind)
+    if equation is None:
         raise UnsupportedMechanismError(
             f"a {type(law).__name__} does not cancel what it tracks against, so its error is no matter of σ alone: "
             "certify a ComputedTorque or PDPlus law"
         )
-    return ERROR_EQUATIONS[kind]
+    return equation
 
 
 def choice_for(law: TrackingLaw, scale: Array, D: Array, C: Array, damping: Array) -> StorageChoice | None:
