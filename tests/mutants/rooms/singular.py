@@ -100,6 +100,25 @@ ROOMS: tuple[Room, ...] = (
         ("BEYOND", "CurveSearch.run", "CurveSearch._whole", "CurveSearch._kept", "CurveSearch._halved"),
         ("domain/singular/test_sharp_cover.py",),
     ),
+    Room(
+        "domain/singular/marking",
+        ("mark_singular", "_marked", "mark_in_cells"),
+        ("domain/singular/test_sharp_marking.py",),
+        (
+            ("size = max(1, ", "", "sizes of work"),
+            ("reach = _REACH", "", "from where it is looked: `singular_points` proves what is found"),
+            ("region.position(tree.lower", "", "from where it is looked: `singular_points` proves what is found"),
+            ("near = np.all(", "", "from where it is looked: `singular_points` proves what is found"),
+            ("rows = np.flatnonzero(near &", "", "from where it is looked: `_marked` asks again what is undecided"),
+            ("rows = first + ", "", "from where it is looked: `_marked` asks again what is undecided"),
+            ("part = slice(first", "", "sizes of work"),
+        ),
+    ),
+    Room(
+        "domain/singular/sampled",
+        ("_NEAR", "SingularCurve.verdict", "_proved_near"),
+        ("domain/singular/test_sharp_marking.py",),
+    ),
 )
 
 EXCUSED: tuple[Excused, ...] = (
@@ -132,4 +151,33 @@ EXCUSED: tuple[Excused, ...] = (
         "when and where curves are looked for, and how far followed: `certify_tubes` proves tubes, and boxes that none "
         "settles are listed",
     ),
+    Excused(
+        "domain/singular/marking",
+        ("_REACH", "sigma_at"),
+        "from where singular configurations are looked for: `singular_points` proves those found",
+    ),
+    Excused(
+        "domain/singular/sampled",
+        (
+            "_SOLVED",
+            "_all_curves",
+            "_SingularEquations.__init__",
+            "_SingularEquations.residual",
+            "_SingularEquations.solve_from",
+            "_SingularEquations.correct",
+            "_SingularEquations.tangent",
+            "_SingularEquations.follow",
+            "_SingularEquations._one_way",
+            "_SingularEquations.gap",
+            "_SingularEquations.lies_on",
+            "_SingularEquations._turned",
+        ),
+        "sampled curves claim nothing of themselves: `_proved_near` has `singular_points` prove each point, or says NaN",
+    ),
+    Excused(
+        "domain/singular/sampled",
+        ("singularity_distance", "characteristic_length"),
+        "a measure along sampled points, in double precision, of which nothing is said to be proven",
+    ),
+    Excused("domain/singular/certifying", ("_reading",), "what an error says: that n is 2 is asked for by !="),
 )
