@@ -111,7 +111,7 @@ def test_sampled_curves_are_proven_where_all_points_are(error, verdict):
 def test_sampled_points_are_as_near_as_proved(monkeypatch):
     """How far the proved one is in its worst coordinate, and its error; within 1e-6, the best of all directions."""
     near, far = np.zeros((6, 2)), np.zeros((6, 2))
-    near[:, 1] = [3e-7, 3e-7, -3e-7, 9e-7, 0.999e-6, 1.001e-6]
+    near[:, 1] = [3e-7, 1e-7, -3e-7, 9e-7, 0.999e-6, 1.001e-6]
     far[:, 0] = [1e-7, 2e-7, 2e-7, 1.5e-6, 1.9e-6, 1.5e-6]
     errors = [[1e-7, 1e-7, 1e-7, 2e-7, 0.0, 0.0], [1e-7] * 6]
     proved = [[1, 0, 1, 1, 1, 1], [1, 1, 1, 1, 1, 1]]

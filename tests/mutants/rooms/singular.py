@@ -106,12 +106,11 @@ ROOMS: tuple[Room, ...] = (
         ("domain/singular/test_sharp_marking.py",),
         (
             ("size = max(1, ", "", "sizes of work"),
-            ("reach = _REACH", "", "from where it is looked: `singular_points` proves what is found"),
             ("region.position(tree.lower", "", "from where it is looked: `singular_points` proves what is found"),
             ("near = np.all(", "", "from where it is looked: `singular_points` proves what is found"),
             ("rows = np.flatnonzero(near &", "", "from where it is looked: `_marked` asks again what is undecided"),
             ("rows = first + ", "", "from where it is looked: `_marked` asks again what is undecided"),
-            ("part = slice(first", "", "sizes of work"),
+            ("part = ", "", "sizes of work"),
         ),
     ),
     Room(
@@ -172,7 +171,7 @@ EXCUSED: tuple[Excused, ...] = (
             "_SingularEquations.lies_on",
             "_SingularEquations._turned",
         ),
-        "sampled curves claim nothing of themselves: `_proved_near` has `singular_points` prove each point, or says NaN",
+        "sampled curves claim nothing of themselves: `_proved_near` has each point proved, or says NaN",
     ),
     Excused(
         "domain/singular/sampled",
