@@ -18,6 +18,7 @@ from tests.mutants.rooms import (
     auditing,
     covering,
     domain,
+    folds_and_cusps,
     proof,
     sheets,
     singular,
@@ -35,26 +36,14 @@ _AREAS = (
     theorem2,
     sheets,
     singular,
+    folds_and_cusps,
     stability,
     validated,
     auditing,
 )
 ROOMS: tuple[Room, ...] = tuple(room for area in _AREAS for room in area.ROOMS)
 EXCUSED: tuple[Excused, ...] = tuple(place for area in _AREAS for place in area.EXCUSED)
-WHOLE: tuple[str, ...] = (
-    "auditing",
-    "control/stability",
-    "covering",
-    "domain/atlas",
-    "domain/closures",
-    "domain/documents",
-    "domain/paths",
-    "domain/sheets",
-    "domain/theorem2",
-    "domain/workspaces",
-    "proof",
-    "validated",
-)
+WHOLE: tuple[str, ...] = ("auditing", "control/stability", "covering", "domain", "proof", "validated")
 
 
 class Mutant(NamedTuple):

@@ -374,9 +374,9 @@ def _uncovered(problem: Problem, found: Found) -> UncoveredBoxes:
 
 
 def _waiting(problem: Problem, boxes: UncoveredBoxes) -> Candidates:
-    """Boxes that were left, to be looked at again."""
+    """Boxes that were left, to be looked at again; a difference is off by a rounding of itself."""
     system, centre = problem.system, 0.5 * (boxes.lower + boxes.upper)
-    half = np.maximum(boxes.upper - centre, centre - boxes.lower) + 1e-15 * (1.0 + np.abs(centre))
+    half = np.maximum(boxes.upper - centre, centre - boxes.lower) * (1.0 + 1e-15)
     none = np.zeros((len(centre), system.m, system.n))
     return Candidates(np.zeros(len(centre), dtype=np.intp), centre, half, none)
 
