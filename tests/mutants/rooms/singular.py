@@ -121,7 +121,7 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "domain/singular/curve",
         ("_AGAIN", "_ROUNDED", "CertifiedCurve.points", "as_curve", "holds"),
-        ("domain/singular/test_sharp_answers.py",),
+        ("domain/singular/test_sharp_curve_answers.py",),
         (("still = bool(", "", "what kind a curve is told to be: its class says that it is not proved"),),
     ),
     Room(
@@ -138,7 +138,7 @@ ROOMS: tuple[Room, ...] = (
             "_waiting",
             "_cells",
         ),
-        ("domain/singular/test_sharp_answers.py",),
+        ("domain/singular/test_sharp_curve_answers.py",),
         (
             ("if not self.curves or", "", "without curves, or configurations, there is nothing to look for"),
             ("half = np.maximum(boxes.upper", "1e-15 ×", "nine times what rounds, as fractions show"),
