@@ -301,3 +301,6 @@ def test_cusps_are_counted_once():
     )]  # fmt: skip
     assert cusp_points.distinct(reading, made) == (made[0], made[2], made[4], made[5])
     assert cusp_points.distinct(reading, []) == ()
+    far, near = made[2]._replace(error=0.6e-6), made[2]._replace(error=0.4e-6)
+    assert cusp_points.distinct(reading, [made[0]._replace(error=0.5e-6), far]) == (made[0]._replace(error=0.5e-6),)
+    assert len(cusp_points.distinct(reading, [made[0]._replace(error=0.5e-6), near])) == 2

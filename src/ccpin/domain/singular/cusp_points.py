@@ -222,7 +222,7 @@ def cusps(
 
 
 def distinct(reading: Reading, found: Sequence[Cusp]) -> tuple[Cusp, ...]:
-    """Each cusp once: those that agree modulo 2π are the same."""
+    """Each cusp once: those that agree modulo 2π, or may by what they are off by, are the same."""
     kept: list[Cusp] = []
     for cusp in found:
         if not any(_same(reading, cusp, other) for other in kept):
@@ -233,7 +233,7 @@ def distinct(reading: Reading, found: Sequence[Cusp]) -> tuple[Cusp, ...]:
 def _same(reading: Reading, one: Cusp, other: Cusp) -> bool:
     gap = reading.theta(one.q_free) - reading.theta(other.q_free)
     gap = without_turns(gap, reading.system.periodic)
-    return bool(np.abs(gap).max() < _SAME)
+    return bool(np.abs(gap).max() < max(_SAME, one.error + other.error))
 
 
 def _turning(problem: Problem, theta: Array, closed: bool) -> Array:
