@@ -20,6 +20,7 @@ from ccpin.covering.runner import Runner
 from ccpin.domain.singular.folds import Folds, SingularPoints, singular_points
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, predict
+from ccpin.proof.rounding import blur
 
 _CHUNK = 4_000_000
 _REACH = 2.0  # of a cell: how far beside it a fold is looked for
@@ -79,10 +80,10 @@ def sigma_at(problem: Problem, tree: CellTree, region: Region, boxes: Boxes, con
 def _marked(
     tree: CellTree, region: Region, found: SingularPoints, independent: Indices, stretch: Array
 ) -> SingularCells:
-    """Mark the undecided leaves that hold a singular q with its error."""
+    """Mark the undecided leaves that hold a singular q with its error, and with what rounds q₀ + s d and its turns."""
     theta = found.theta.copy()
     theta[:, independent] = region.reduce(theta[:, independent])
-    error = (found.error * np.maximum(1.0, stretch))[:, None]
+    error = (found.error * np.maximum(1.0, stretch))[:, None] + blur(found.theta[:, independent])
     inside = found.proved & np.all(np.isfinite(theta), axis=1)
     theta, error = theta[inside], error[inside]
     leaf = leaves_holding(tree, region, theta[:, independent], error)
