@@ -364,7 +364,7 @@ class PDFullGravity(SetPointLaw):
     def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """u = K_p q̃ − K_v q̇ + g(q) (30)."""
         own = self.own(state)
-        return own.efforts(self._feedback(state.q, v) + own.g)
+        return own.efforts(self._feedback(own.q, v) + own.g)
 
     def statement(self) -> Statement:
         """(30)."""

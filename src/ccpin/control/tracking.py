@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, vector
-from ccpin.control.laws import ControlLaw, Measurement, ModelLaw, q_of
+from ccpin.control.laws import ControlLaw, Measurement, ModelLaw
 from ccpin.control.references import Reference, ReferenceState, require_commuting
 from ccpin.control.statements import LawKind, Statement, speaks_for
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
@@ -63,7 +63,7 @@ class TrackingLaw(ModelLaw):
     def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """The motors' efforts at (q, q̇), of shape (motors,)."""
         own = self.own(state)
-        return self.torque_with(t, q_of(state), v, own)
+        return self.torque_with(t, own.q, v, own)
 
     def torque_with(self, t: float, q: Array, v: Array, state: State) -> Array:
         """The motors' efforts at a measured (q, q̇), with σ, ρ and the model of a State that may lie elsewhere.

@@ -1,16 +1,14 @@
 """Where a curve's points are, and where they lie in tubes: the bounds attained, and each comparison at equality."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from ccpin.domain.singular import tubes as module
 from ccpin.domain.singular.tubes import Places, Points, Tubes, glued, places_in, zeros_in
+from tests.support.straight_curves import PROBLEM
 
 ROOM = 1e-13
 SLACK = 1.0 + 1e-10
-PROBLEM = SimpleNamespace(system=SimpleNamespace(n_free=2, m=1, periodic=np.array([True, False])))
 
 
 def tube(**others):

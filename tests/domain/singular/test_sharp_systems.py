@@ -198,20 +198,25 @@ def test_the_drift_of_folds(cubic):
         np.testing.assert_allclose(rounding[b], expected, rtol=1e-12)
 
 
-def test_folds_are_proved_with_their_numbers(cubic, monkeypatch):
-    """The lemma is asked of F, F′, the rounding at r = 0, weights 1 + |w|₁ and Δ of the rows it wants."""
-    system, x = fold(cubic)
-    point, told = system.at(x), []
-    monkeypatch.setattr(folds, "proved_within", lambda *given: told.append(given) or np.ones(2))
-    folds._proved_within(system, point)
-    value, slope, weight, rounding, drift = told[0]
+def assert_asked(monkeypatch, module, system, point, weight, rounding, drift_of):
+    """The lemma is asked of F, F′, its rounding, weights, and Δ of the rows it wants."""
+    told = []
+    monkeypatch.setattr(module, "proved_within", lambda *given: told.append(given) or np.ones(2))
+    module._proved_within(system, point)
+    value, slope, given_weight, given_rounding, drift = told[0]
     np.testing.assert_array_equal(value, system.value(point))
     np.testing.assert_array_equal(slope, system.slope(point))
-    np.testing.assert_allclose(weight, 1.0 + np.abs(point.kernel).sum(axis=1), rtol=1e-14)
-    np.testing.assert_array_equal(rounding, system.drift(point, np.zeros(2))[1])
-    np.testing.assert_array_equal(
-        drift(np.array([1]), np.array([0.3])), system.drift(point, np.array([0.2, 0.3]))[0][1:]
-    )
+    np.testing.assert_allclose(given_weight, weight, rtol=1e-14)
+    np.testing.assert_array_equal(given_rounding, rounding)
+    np.testing.assert_array_equal(drift(np.array([1]), np.array([0.3])), drift_of(np.array([0.2, 0.3]))[1:])
+
+
+def test_folds_are_proved_with_their_numbers(cubic, monkeypatch):
+    """Rounding as at r = 0, weights 1 + |w|₁."""
+    system, x = fold(cubic)
+    point = system.at(x)
+    weight, rounding = 1.0 + np.abs(point.kernel).sum(axis=1), system.drift(point, np.zeros(2))[1]
+    assert_asked(monkeypatch, folds, system, point, weight, rounding, lambda radius: system.drift(point, radius)[0])
 
 
 # Cusps (Theorem C).
@@ -279,18 +284,12 @@ def test_the_drift_of_cusps(cubic):
 
 
 def test_cusps_are_proved_with_their_numbers(cubic, monkeypatch):
-    """The lemma is asked of F, F′, its rounding, weights 1 + |v|₁ + |w|₁ and Δ of the rows it wants."""
+    """Weights 1 + |v|₁ + |w|₁."""
     system, x = cusp(cubic)
-    point, told = system.at(x), []
-    monkeypatch.setattr(cusp_points, "proved_within", lambda *given: told.append(given) or np.ones(2))
-    cusp_points._proved_within(system, point)
-    value, slope, weight, rounding, drift = told[0]
-    np.testing.assert_array_equal(value, system.value(point))
-    np.testing.assert_array_equal(slope, system.slope(point))
-    expected = 1.0 + np.abs(point.v).sum(axis=1) + np.abs(point.w).sum(axis=1)
-    np.testing.assert_allclose(weight, expected, rtol=1e-14)
-    np.testing.assert_array_equal(rounding, system.rounding(point))
-    np.testing.assert_array_equal(drift(np.array([1]), np.array([0.3])), system.drift(point, np.array([0.2, 0.3]))[1:])
+    point = system.at(x)
+    weight = 1.0 + np.abs(point.v).sum(axis=1) + np.abs(point.w).sum(axis=1)
+    rounding = system.rounding(point)
+    assert_asked(monkeypatch, cusp_points, system, point, weight, rounding, lambda radius: system.drift(point, radius))
 
 
 def test_cusps_are_counted_once():

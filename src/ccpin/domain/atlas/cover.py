@@ -28,10 +28,8 @@ from ccpin.work import Stopped
 
 BUDGET = 400_000
 """Boxes of an atlas: of a mechanism with six coordinates that depend they take half a gigabyte."""
-_COMPILED, _IN_NUMPY = (
-    (150_000, 16),
-    (500_000, 32),
-)  # second derivatives, least boxes of a chunk: NumPy is slow on few
+_COMPILED = 150_000, 16  # second derivatives of a chunk, and its least boxes
+_IN_NUMPY = 500_000, 32  # which is slow on few
 _NEAREST = 96  # cells of a wave that looks for the largest square: more would refine in vain
 
 

@@ -59,9 +59,9 @@ def equation_of(law: TrackingLaw) -> ErrorEquation:
 
 def choice_for(law: TrackingLaw, scale: Array, D: Array, C: Array, damping: Array) -> StorageChoice | None:
     """The storage function whose bound of e is about the least, for deviations of a scale and terms at K places."""
-    best, least, n = None, np.inf, len(scale)
+    best, least, n, terms = None, np.inf, len(scale), [affine(term) for term in (D, C, damping)]
     for choice in equation_of(law).choices(law, scale, D):
-        storage = storage_of(law, choice, affine(D), affine(C), affine(damping))
+        storage = storage_of(law, choice, *terms)
         with np.errstate(all="ignore"):
             reach = gain(storage, choice)[:, None] * widths(storage)[:, :n] / scale
         worst = float(reach.sum(axis=1).max())
