@@ -76,7 +76,7 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
         "equations",
         "newton",
         ("narrowing", "requirements", "solutions"),
-        ("covers", "demanded", "paths"),
+        ("candidates", "covers", "demanded", "paths"),
     ),
 }
 OF_NO_ROOM = (("scripts",), ("docs",))  # tests of what is no part of the package

@@ -17,7 +17,7 @@ from ccpin.proof.equations import Problem
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import Ranges, Reason
 from ccpin.proof.rounding import blur
-from tests.support.straight import circles, straight
+from tests.support.straight import straight
 
 U = 2.0**-53
 
@@ -274,91 +274,11 @@ def candidates(centre, half, slopes):
     return Candidates(np.arange(len(centre)), centre, half, slopes)
 
 
-def test_a_search_begins_with_all_of_the_ranges():
-    """And a thousandth of what counts as at their ends."""
-    ranges = ranges_of([-1.0, 2.0], [3.0, 2.5])
-    found = pruning.whole_candidates(problem_of(PLANE), ranges, np.array([7]), np.array([[0.5]]), np.array([[0.25]]))
-    np.testing.assert_allclose(found.centre, [[0.5, 1.0, 2.25]], rtol=1e-15)
-    more = 1e-12 * np.array([4.0, 3.5])
-    assert found.half[0, 0] == 0.25
-    np.testing.assert_allclose(found.half[0, 1:] - [2.0, 0.25], more, rtol=1e-3)
-    assert (found.cell.tolist(), found.slopes.any()) == ([7], False)
-
-
-@pytest.mark.parametrize(("centre", "gone"), [
-    ([0.0, 0.0], False), ([1.7499, 0.0], False), ([1.7501, 0.0], True), ([-1.7499, 0.0], False), ([-1.7501, 0.0], True),
-    ([0.0, 2.2499], False), ([0.0, 2.2501], True), ([1.75 + 1e-10, 0.0], False), ([-1.75 - 1e-10, 0.0], False),
-])  # fmt: skip
-def test_what_leans_into_the_ranges_is_not_beyond_them(centre, gone):
-    """|y| ≤ 1 and half widths ½ with slopes 1 and 3 over a quarter, and a billionth (1 + |end|) of the ends."""
-    ranges, box = (
-        ranges_of([-1.0, -1.0], [1.0, 1.0]),
-        candidates([[0.0, *centre]], [[0.25, 0.5, 0.5]], [[[1.0], [-3.0]]]),
-    )
-    assert pruning.beyond(problem_of(PLANE), ranges, box).tolist() == [gone]
-
-
-def test_full_turns_have_no_beyond():
-    box = candidates([[0.0, 9.0]], [[0.25, 0.5]], [[[1.0]]])
-    assert pruning.beyond(problem_of(circles()), ranges_of([-1.0], [1.0]), box).tolist() == [False]
-    assert pruning.beyond(problem_of(LINE), ranges_of([-1.0], [1.0]), box).tolist() == [True]
-
-
-def test_halves_hold_all_that_was_whole():
-    """Both sides, each with 4u (1 + |middle|) to spare."""
-    box = candidates(2 * [[1.0, 5.0, -3.0]], 2 * [[0.25, 0.5, 2.0]], 2 * [[[1.0], [2.0]]])
-    found = pruning.halved(box, np.array([1, 2]))
-    np.testing.assert_allclose(found.centre[:, 1:], [[4.75, -3.0], [5.0, -4.0], [5.25, -3.0], [5.0, -2.0]], rtol=1e-15)
-    grown = found.half[:, 1:] - [[0.25, 2.0], [0.5, 1.0], [0.25, 2.0], [0.5, 1.0]]
-    np.testing.assert_allclose(grown, 4 * U * np.array([[5.75, 0.0], [0.0, 5.0], [6.25, 0.0], [0.0, 3.0]]), atol=2 * U)
-    assert found.cell.tolist() == [0, 1, 0, 1]
-
-
-def test_halves_of_cells_hold_what_leant_over_them():
-    """y along the slope, with the roundings of both middles by the slope, of the move, and of where it ends."""
-    tree = CellTree.whole(1)
-    tree.split(np.array([0]), np.array([0]))
-    region = Region(np.array([0.0]), np.array([2.0**20]), np.array([False]))
-    slope = np.array([[[2.0**10], [-(2.0**12)]]])
-    box = candidates([[2.0**19, 3.0, 2.0**40]], [[2.0**19, 0.0, 0.0]], slope)
-    found = pruning.handed_down(problem_of(PLANE), tree, region, box)
-    assert found.cell.tolist() == [1, 2]
-    for row, middle in enumerate((2.0**18, 3 * 2.0**18)):
-        moved = slope[0, :, 0] * (middle - 2.0**19)
-        centre = np.array([3.0, 2.0**40]) + moved
-        assert found.centre[row].tolist() == [middle, *centre]
-        off = 4 * U * (1 + middle + 2.0**19)
-        stated = np.abs(slope[0, :, 0]) * off + 4 * U * (1 + np.abs(moved)) + 4 * U * (1 + np.abs(centre))
-        np.testing.assert_allclose(found.half[row, 1:], stated, rtol=1e-12)
-        assert found.half[row, 0] == 2.0**18
-
-
-def test_all_candidates_are_narrowed_by_both(monkeypatch):
-    """In chunks; singular ones are looked for where no limit is met."""
-    asked = []
-
-    def narrowed(problem, boxes, inverse=False, regular=None):
-        asked.append((len(boxes.cell), inverse, regular))
-        return boxes
-
-    monkeypatch.setattr(pruning, "narrowed", narrowed)
-    count = 2 * pruning._CHUNK + 5
-    boxes = candidates(np.zeros((count, 3)), np.full((count, 3), 0.1), np.zeros((count, 2, 1)))
-    boxes.centre[:, 1] = np.where(np.arange(count) % 2, 0.95, 0.0)
-    boxes.centre[7, 2] = 5.0
-    ranges = ranges_of([-1.0, -1.0], [1.0, 1.0], Reason.LIMIT)
-    found = pruning.narrowed_both(problem_of(PLANE), ranges, boxes, singular=True)
-    assert found.cell.tolist() == [k for k in range(count) if k != 7]
-    assert [n for n, inverse, _ in asked] == [1000, 1000, 1000, 1000, 5, 5]
-    assert asked[1][2][:7].tolist() == [True, False, True, False, True, False, True]
-    asked.clear()
-    pruning.narrowed_both(problem_of(PLANE), ranges, boxes)
-    assert all(regular is None for *_, regular in asked)
-
-
 def test_a_search_gives_back_all_it_does_not_drop(monkeypatch):
     """What is stuck and what still waits, when its rounds, its budget or its boxes are over."""
-    runner = SimpleNamespace(map=lambda task, chunks: [task(problem_of(PLANE), chunk) for chunk in chunks])
+    runner = SimpleNamespace(
+        problem=problem_of(PLANE), map=lambda task, chunks: [task(problem_of(PLANE), chunk) for chunk in chunks]
+    )
     monkeypatch.setattr(pruning, "narrowed_both", lambda problem, ranges, waiting, singular: waiting)
     monkeypatch.setattr(
         pruning, "to_halve", lambda problem, waiting: (np.ones(len(waiting.cell), dtype=int), waiting.half[:, 1] > 0.3)

@@ -53,10 +53,10 @@ def narrowed(problem: Problem, boxes: Candidates, inverse: bool = False, regular
         if inverse:
             gain = inverses(jacobian[:, :, system.dependent])
             boxes = _leaning(problem, boxes, -gain @ jacobian[:, :, system.independent])
-        directions = _directions(problem, boxes)
-        constant, slope = apply(gain, phi), gain @ jacobian @ directions
+        across = directions(problem, boxes)
+        constant, slope = apply(gain, phi), gain @ jacobian @ across
         moves = np.abs(slope) * boxes.half[:, None]
-        bounds = bounds_of(problem, _whole(problem, boxes, gain, directions))
+        bounds = bounds_of(problem, _whole(problem, boxes, gain, across))
         y = bounds.y
         rest = np.maximum(y - np.abs(constant) - moves.sum(axis=2), 0.0) + _SHARE * y
         reach = moves.sum(axis=2) + rest
@@ -102,7 +102,7 @@ def _leaning(problem: Problem, boxes: Candidates, slopes: Array) -> Candidates:
     return boxes._replace(half=half, slopes=leaning)
 
 
-def _directions(problem: Problem, boxes: Candidates) -> Array:
+def directions(problem: Problem, boxes: Candidates) -> Array:
     """D, of shape (K, n′, n′), in the order of θ."""
     system = problem.system
     directions = np.tile(np.eye(system.n_free), (len(boxes.cell), 1, 1))

@@ -120,6 +120,12 @@ class Searching:
         return Candidates(*(column[kept] for column in waiting))
 
 
+def over_all(problem, ranges, lower, upper):
+    """All of the region, and one dependent coordinate."""
+    centre, half = np.append(0.5 * (lower + upper), 0.0), np.append(0.5 * (upper - lower), 0.0)
+    return Candidates(np.zeros(1, dtype=np.intp), centre[None], half[None], np.zeros((1, 1, len(lower))))
+
+
 def searched(monkeypatch, tree, points, depth=4, rounds=1000, ranges="ranges", m=1):
     """What is called empty where closed configurations are over some points only."""
     search = Searching(points, rounds)
@@ -129,11 +135,7 @@ def searched(monkeypatch, tree, points, depth=4, rounds=1000, ranges="ranges", m
     monkeypatch.setattr(module, "Pruning", lambda *_: search)
     monkeypatch.setattr(module, "_unsettled", lambda problem, tree, waiting: waiting)
 
-    def whole(problem, ranges, cells, q, width):
-        zero = np.zeros((1, 1))
-        return Candidates(cells, np.hstack([q, zero]), np.hstack([width, zero]), zero[None])
-
-    monkeypatch.setattr(module, "whole_candidates", whole)
+    monkeypatch.setattr(module, "over_all", over_all)
     runner = SimpleNamespace(check=lambda: None, problem=reading.problem)
     module.search_empty(runner, reading, tree, LINE, depth)
     return told(tree), search
@@ -181,11 +183,7 @@ def test_cells_are_as_small_as_told_in_every_coordinate(monkeypatch, depth, widt
     monkeypatch.setattr(module, "Pruning", lambda *_: search)
     monkeypatch.setattr(module, "_unsettled", lambda problem, tree, waiting: waiting)
 
-    def whole(problem, ranges, cells, q, width):
-        zero = np.zeros((1, 1))
-        return Candidates(cells, np.hstack([q, zero]), np.hstack([width, zero]), np.zeros((1, 1, 2)))
-
-    monkeypatch.setattr(module, "whole_candidates", whole)
+    monkeypatch.setattr(module, "over_all", over_all)
     reading = SimpleNamespace(problem=SimpleNamespace(system=system))
     module.search_empty(SimpleNamespace(check=lambda: None, problem=reading.problem), reading, tree, region, depth)
     assert not search.over

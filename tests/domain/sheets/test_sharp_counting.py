@@ -112,10 +112,10 @@ def test_different_beyond_both_spreads(k, side, radii):
 
 def counted(monkeypatch, found, left, alike=()):
     """What is said where boxes are found, and how many candidates are left of two."""
-    monkeypatch.setattr(module, "whole_candidates", lambda *_: candidates_at([[0.0], [1.0]], [[1.0], [1.0]]))
+    monkeypatch.setattr(module, "over_all", lambda *_: candidates_at([[0.0], [1.0]], [[1.0], [1.0]]))
     monkeypatch.setattr(module, "narrowed_both", lambda problem, ranges, waiting: waiting)
     monkeypatch.setattr(module, "to_halve", lambda problem, waiting: np.zeros((2, len(waiting.cell)), dtype=bool))
-    monkeypatch.setattr(module, "halved", lambda waiting, cut: waiting)
+    monkeypatch.setattr(module, "halved", lambda problem, waiting, cut: waiting)
     boxes = [boxes_at((float(k),), [[1.0]], 0.125) for k in range(found)]
 
     def solved(problem, ranges, waiting, so_far):

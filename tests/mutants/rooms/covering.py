@@ -44,17 +44,7 @@ ROOMS: tuple[Room, ...] = (
     Room("covering/faces", ("_across",), _TESTS),
     Room(
         "covering/pruning",
-        (
-            "whole_candidates",
-            "narrowed_both",
-            "beyond",
-            "_extent",
-            "halved",
-            "handed_down",
-            "Pruning.__init__",
-            "Pruning.settled",
-            "Pruning._narrowed",
-        ),
+        ("Pruning.__init__", "Pruning.settled", "Pruning._narrowed"),
         _TESTS,
     ),
     Room(
@@ -107,11 +97,6 @@ ROOMS: tuple[Room, ...] = (
 EXCUSED: tuple[Excused, ...] = (
     Excused("covering/region", ("Corners",), "a type"),
     Excused("covering/cells", ("_wider",), "how much room a buffer has: what is too little raises"),
-    Excused(
-        "covering/pruning",
-        ("_RATIO", "_CURVED", "_FLOOR", "_LEAST", "to_halve", "steepness", "rows_to_halve_for"),
-        "which candidates are halved, and where: both halves are kept",
-    ),
     Excused(
         "covering/proposals/krawczyk",
         ("_INFLATION", "_SETTLED", "_LEAST", "_ROOM", "_LARGEST", "_parametrize", "_one_weak", "_radius"),

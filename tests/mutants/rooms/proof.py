@@ -69,6 +69,11 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
+        "proof/candidates",
+        ("BEYOND", "over_all", "narrowed_both", "beyond", "_extent", "halved", "handed_down"),
+        ("proof/test_sharp_waiting.py",),
+    ),
+    Room(
         "proof/paths",
         ("Followed.examined", "Followed._require_path", "Followed._covered", "follows", "_between", "_links"),
         ("proof/test_sharp_paths.py",),
@@ -172,7 +177,7 @@ ROOMS: tuple[Room, ...] = (
     Room("proof/balls", ("Affine.__sub__", "stacked", "cross"), _CHAINS),
     Room(
         "proof/narrowing",
-        ("_SHARE", "narrowed", "_leaning", "_directions", "_within"),
+        ("_SHARE", "narrowed", "_leaning", "directions", "_within"),
         ("proof/test_sharp_candidates.py",),
         (
             ("better = _size(", "", "which of two boxes that hold the same is kept"),
@@ -381,6 +386,11 @@ ROOMS: tuple[Room, ...] = (
 )
 
 EXCUSED: tuple[Excused, ...] = (
+    Excused(
+        "proof/candidates",
+        ("_RATIO", "_CURVED", "_FLOOR", "_LEAST", "to_halve", "steepness", "rows_to_halve_for"),
+        "which candidates are halved, and where: both halves are kept",
+    ),
     Excused(
         "proof/ranges", ("_ROUNDS", "_GAIN", "_Intervals.narrow"), "when narrowing ends: each step of it is proved"
     ),

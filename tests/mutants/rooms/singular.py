@@ -77,7 +77,6 @@ ROOMS: tuple[Room, ...] = (
             "settled_beside",
             "settled",
             "extents",
-            "directions",
             "kernels",
             "_drawn",
             "_narrowed",
@@ -97,7 +96,7 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "domain/singular/cover",
-        ("BEYOND", "CurveSearch.run", "CurveSearch._whole", "CurveSearch._kept", "CurveSearch._halved"),
+        ("CurveSearch.run", "CurveSearch._kept", "CurveSearch._halved"),
         ("domain/singular/test_sharp_cover.py",),
     ),
     Room(

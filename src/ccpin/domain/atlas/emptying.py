@@ -9,11 +9,12 @@ from ccpin.covering.cells import CellStatus, CellTree, place
 from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.covering.proposals.platforms import platform_empty
 from ccpin.covering.proposals.solving import newton
-from ccpin.covering.pruning import Pruning, handed_down, whole_candidates
+from ccpin.covering.pruning import Pruning
 from ccpin.covering.region import Region
 from ccpin.covering.runner import Runner
 from ccpin.domain.closures.searchable import MOST_DEPENDENT, all_values
 from ccpin.domain.closures.system import Reading
+from ccpin.proof.candidates import handed_down, over_all
 from ccpin.proof.covers import LEVELS
 from ccpin.proof.emptiness import empty_cells, groups_of, platform_of
 from ccpin.proof.equations import Problem
@@ -70,7 +71,7 @@ def search_empty(runner: Runner, reading: Reading, tree: CellTree, region: Regio
     if ranges is None or problem.system.m > MOST_DEPENDENT or _share(tree) < _WORTH:
         return
     root, smallest = np.zeros(1, dtype=np.intp), 1 << (LEVELS - depth)
-    waiting, searched = whole_candidates(problem, ranges, root, *place(tree, region, root)), root
+    waiting, searched = over_all(problem, ranges, region.lower, region.upper), root
     search = Pruning(runner, ranges, _BUDGET)
     while searched.size and not search.over:
         waiting = search.settled(waiting, _ROUNDS)
@@ -84,7 +85,7 @@ def search_empty(runner: Runner, reading: Reading, tree: CellTree, region: Regio
         tree.split(cells[leaf & ~small], np.argmax(lengths[leaf & ~small], axis=1))
         cells = cells[~(leaf & small)]
         waiting = rows_of(waiting, np.isin(waiting.cell, cells))
-        waiting = handed_down(problem, tree, region, waiting)
+        waiting = handed_down(problem, tree.cut, tree.child, waiting)
         searched = np.concatenate([tree.child[cells], tree.child[cells] + 1])
         searched = searched[_open(tree)[searched]]
         waiting = rows_of(waiting, np.isin(waiting.cell, searched))

@@ -25,12 +25,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
-from ccpin.covering.cells import CellTree, place
+from ccpin.covering.cells import CellTree
 from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.covering.proposals.solving import newton
-from ccpin.covering.pruning import Pruning, halved, handed_down, narrowed_both, steepness, to_halve, whole_candidates
+from ccpin.covering.pruning import Pruning
 from ccpin.covering.region import Region
 from ccpin.covering.runner import Arrays, Report, Runner
+from ccpin.proof.candidates import halved, handed_down, narrowed_both, over_all, steepness, to_halve
 from ccpin.proof.covers import LEVELS, WHOLE
 from ccpin.proof.equations import Problem
 from ccpin.proof.narrowing import Candidates, alone_in
@@ -87,10 +88,10 @@ def cover_singular(
     left so, another search may go on.
     """
     problem = runner.problem
-    smallest, root = 1 << (LEVELS - depth), np.zeros(1, dtype=np.intp)
+    smallest = 1 << (LEVELS - depth)
     if begun is None:
         tree = CellTree.whole(problem.system.n)
-        waiting = whole_candidates(problem, ranges, root, *place(tree, region, root))
+        waiting = over_all(problem, ranges, region.lower, region.upper)
     else:
         tree, waiting = begun.tree, begun.left
     left = [rows_of(waiting, slice(0))]
@@ -108,8 +109,7 @@ def cover_singular(
 
 def all_solutions(problem: Problem, ranges: Ranges, q: Array) -> Solutions:
     """All closed configurations over one q (n,), as far as that can be proved."""
-    n = problem.system.n
-    waiting = whole_candidates(problem, ranges, np.zeros(1, dtype=np.intp), q[None], np.zeros((1, n)))
+    waiting = over_all(problem, ranges, q, q)
     found, budget = list[Boxes](), _BUDGET
     while (budget := budget - len(waiting.cell)) > 0:
         waiting = narrowed_both(problem, ranges, waiting)
@@ -119,7 +119,7 @@ def all_solutions(problem: Problem, ranges: Ranges, q: Array) -> Solutions:
         cut, due = to_halve(problem, waiting)
         if not np.all(due):
             break
-        waiting = halved(waiting, cut)
+        waiting = halved(problem, waiting, cut)
     theta = np.array([box.centre[0] for box in found]).reshape(-1, problem.system.n_free)
     apart = all(_different(problem, one, other) for one, other in combinations(found, 2))
     return Solutions(theta, apart and not waiting.cell.size)
@@ -153,7 +153,7 @@ def _halve_cells(
     np.maximum.at(stretch, at, jacobian)
     moved = np.where(np.isfinite(stretch), stretch, 0.0) * (tree.size[cells] / WHOLE) * region.width
     tree.split(cells, np.argmax(np.where(tree.size[cells] > smallest, moved, -1.0), axis=1))
-    return handed_down(problem, tree, region, waiting)
+    return handed_down(problem, tree.cut, tree.child, waiting)
 
 
 def _solved(problem: Problem, ranges: Ranges, waiting: Candidates, found: list[Boxes]) -> Mask:

@@ -13,22 +13,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Mask, apply, joined, rows_of
+from ccpin.arrays import Array, Mask, joined, rows_of
 from ccpin.covering.proposals.solving import closure_derivatives
-from ccpin.covering.pruning import rows_to_halve_for
 from ccpin.covering.region import Region
 from ccpin.covering.runner import Arrays, Runner
 from ccpin.domain.singular.curve_equations import onto_curves
 from ccpin.domain.singular.following import TubeChain, follow, prolonged
-from ccpin.domain.singular.settled_boxes import Nearby, directions, extents, narrow_boxes, settle_boxes
+from ccpin.domain.singular.settled_boxes import Nearby, extents, narrow_boxes, settle_boxes
 from ccpin.domain.singular.tubes import Points, Tubes, no_tubes
+from ccpin.proof.candidates import halved, over_all, rows_to_halve_for
 from ccpin.proof.equations import Problem, closure_values
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import Ranges
 from ccpin.work import Stopped
 
-BEYOND = 1e-12
-"""How far a search goes beyond its region and ranges each way."""
 _MANY, _SMALL = 500, 0.15  # boxes, or the largest edge of all: from here on curves are looked for
 _MOST_STARTS = 20
 _NEWTON = 20
@@ -98,7 +96,9 @@ class CurveSearch:
 
         The boxes are those that wait; by default one that holds everything.
         """
-        waiting, limit = self._whole() if waiting is None else waiting, None
+        limit, (region, ranges) = None, self.place
+        if waiting is None:
+            waiting = over_all(self.problem, ranges, region.lower, region.upper)
         small = [rows_of(waiting, slice(0))]
         while waiting.cell.size:
             report(sum(len(chain.tubes.half) for chain in self.chains), len(waiting.cell))
@@ -115,17 +115,6 @@ class CurveSearch:
                 break
             waiting = self._halved(waiting)
         return Found(tuple(self.chains), joined([*small, waiting]), self.tried, limit)
-
-    def _whole(self) -> Candidates:
-        """One box that holds everything."""
-        system, (region, ranges) = self.problem.system, self.place
-        centre, half = np.zeros((2, 1, system.n_free))
-        for columns, lower, upper in (
-            (system.dependent, ranges.lower, ranges.upper),
-            (system.independent, region.lower, region.upper),
-        ):
-            centre[:, columns], half[:, columns] = 0.5 * (lower + upper), 0.5 * (upper - lower) + BEYOND
-        return Candidates(np.zeros(1, dtype=np.intp), centre, half, np.zeros((1, system.m, system.n)))
 
     def _kept(self, waiting: Candidates) -> Candidates:
         """The boxes that may hold singular configurations within the ranges, narrowed."""
@@ -197,12 +186,5 @@ class CurveSearch:
         """Both halves of boxes, cut where φ and φ_y move most."""
         found = closure_derivatives(self.problem, boxes.centre)
         steepest = np.abs(found.jacobian) + np.abs(found.hessian[:, :, self.problem.system.dependent]).sum(axis=2)
-        rows, half = np.arange(len(boxes.cell)), boxes.half.copy()
-        cut = np.argmax(steepest[:, rows_to_halve_for(self.problem)].max(axis=1) * half, axis=1)
-        half[rows, cut] *= 0.5
-        step = directions(self.problem, boxes)[rows, :, cut] * half[rows, cut, None]
-        spare = np.where(step != 0.0, 4e-16 * (1.0 + np.abs(boxes.centre) + np.abs(step) + half), 0.0)
-        half += spare
-        system = self.problem.system  # where a middle of q is rounded those of y are off by slopes times that
-        half[:, system.dependent] += apply(np.abs(boxes.slopes), spare[:, system.independent])
-        return joined([boxes._replace(centre=boxes.centre + side * step, half=half) for side in (-1.0, 1.0)])
+        moved = steepest[:, rows_to_halve_for(self.problem)].max(axis=1) * boxes.half
+        return halved(self.problem, boxes, np.argmax(moved, axis=1))

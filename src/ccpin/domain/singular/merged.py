@@ -6,7 +6,7 @@ tubes, or in a box that one of them lists.
 
 *Proof.* Its q lies in one of the regions, whose cover claims that. ∎
 
-A search goes beyond the bounds of its region by more than rounding sets two bounds apart (`search.BEYOND`), so that
+A search goes beyond the bounds of its region by more than rounding sets two bounds apart (`candidates.BEYOND`), so that
 nothing is between them. Curves that are proved to be one are listed as one, in tubes that hold all that theirs held
 (`joining`). Where that is not proved both stay: the claim is the same, and one curve is listed twice.
 """
@@ -21,12 +21,12 @@ import numpy as np
 from ccpin.arrays import Array, Mask, joined
 from ccpin.covering.region import Region
 from ccpin.domain.closures.packing import same_reading
-from ccpin.domain.singular.cover import BEYOND
 from ccpin.domain.singular.curve import as_curve
 from ccpin.domain.singular.curves import SingularCover
 from ccpin.domain.singular.following import TubeChain
 from ccpin.domain.singular.joining import one_of_each
 from ccpin.errors import InvalidInputError
+from ccpin.proof.candidates import BEYOND
 from ccpin.proof.equations import Problem
 from ccpin.proof.ranges import ranges_over
 from ccpin.proof.solutions import TURN

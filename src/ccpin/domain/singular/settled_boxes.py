@@ -15,12 +15,12 @@ from scipy.spatial import cKDTree
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of, solve_many
 from ccpin.covering.proposals.solving import closure_derivatives
-from ccpin.covering.pruning import beyond
 from ccpin.covering.runner import Arrays, Runner
 from ccpin.domain.singular.curve_equations import first_order, values_at
 from ccpin.domain.singular.tubes import Frames, Points, Tubes, bounds_of, frames_at, inverse_without, places_in
+from ccpin.proof.candidates import beyond
 from ccpin.proof.equations import Problem, third_bound
-from ccpin.proof.narrowing import Candidates, narrowed
+from ccpin.proof.narrowing import Candidates, directions, narrowed
 from ccpin.proof.newton import without_turns
 from ccpin.proof.ranges import Ranges
 from ccpin.proof.rounding import SLACK, blur
@@ -119,14 +119,6 @@ def extents(problem: Problem, boxes: Candidates) -> Array:
     system, found = problem.system, boxes.half.copy()
     found[:, system.dependent] += apply(np.abs(boxes.slopes), boxes.half[:, system.independent])
     return found * SLACK + 1e-15 * (1.0 + np.abs(boxes.centre))
-
-
-def directions(problem: Problem, boxes: Candidates) -> Array:
-    """D of the boxes θ = θ_c + Dδ, of shape (K, n′, n′), in the order of θ."""
-    system = problem.system
-    found = np.tile(np.eye(system.n_free), (len(boxes.cell), 1, 1))
-    found[np.ix_(np.arange(len(found)), system.dependent, system.independent)] = boxes.slopes
-    return found
 
 
 def kernels(problem: Problem, boxes: Candidates, pairing: Array) -> tuple[Array, Array]:
