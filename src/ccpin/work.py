@@ -62,6 +62,13 @@ def stoppable(seconds: float | None = None) -> Iterator[threading.Event]:
         _ACTIVE.reset(token)
 
 
+def check() -> None:
+    """Raise `Stopped` where the stretch of work that this is in is to end (`stoppable`)."""
+    around = _ACTIVE.get()
+    if around and around[-1].is_set():
+        raise Stopped
+
+
 @contextmanager
 def _timed(flag: threading.Event, seconds: float | None) -> Iterator[None]:
     timer = None if seconds is None else threading.Timer(min(seconds, threading.TIMEOUT_MAX), flag.set)

@@ -20,7 +20,7 @@ from ccpin.domain import certify, certify_sheets
 from ccpin.domain.closures.system import reading_of
 from ccpin.domain.singular import cover, following
 from ccpin.errors import DifferentSubjectsError, InvalidInputError
-from ccpin.proof.covers import WHOLE
+from ccpin.proof.cell_tree import WHOLE
 from ccpin.work import stoppable
 
 TORUS = (np.full(2, -np.pi), np.full(2, np.pi))

@@ -11,7 +11,7 @@ from ccpin.covering.cells import Cells, CellTree
 from ccpin.covering.merging import CellOffset, grafted, whole_region
 from ccpin.covering.region import Region
 from ccpin.errors import InvalidInputError
-from ccpin.proof.covers import WHOLE
+from ccpin.proof.cell_tree import WHOLE
 
 U = 2.0**-53
 TURN = 2.0 * np.pi

@@ -12,7 +12,7 @@ from ccpin.covering.cells import Cells, CellStatus, CellTree, Growing, leaves_ab
 from ccpin.covering.faces import _across
 from ccpin.covering.region import Region
 from ccpin.errors import InvalidInputError
-from ccpin.proof.covers import WHOLE
+from ccpin.proof.cell_tree import WHOLE
 from ccpin.proof.equations import Problem
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import Ranges, Reason

@@ -10,7 +10,7 @@ import pytest
 from ccpin.covering.cells import CellTree, place
 from ccpin.covering.faces import contacts_of
 from ccpin.covering.region import Region
-from ccpin.proof.covers import WHOLE
+from ccpin.proof.cell_tree import WHOLE
 from ccpin.proof.rounding import blur, product_of, sum_of, widened
 
 SCALES = (1e-6, 1e-3, 1.0, 200.0, 1e4, 1e6)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ccpin.proof.covers import WHOLE, faces_of, halved, one_function
+from ccpin.proof.cell_tree import WHOLE, faces_of, tree_of
+from ccpin.proof.covers import one_function
 from ccpin.proof.facts import NotProvedError
 
 
@@ -42,7 +43,7 @@ def test_leaves_tile_the_region_and_all_their_faces_are_found_once(n, cuts):
     rng = np.random.default_rng(100 * n + cuts)
     cut, child = grown(rng, n, cuts)
     wrapped = rng.random(n) < 0.5
-    tree = halved(cut, child, n)
+    tree = tree_of(cut, child, n)
     assert tree.reached.all()
     leaves = np.flatnonzero(child < 0)
     volume = np.prod(tree.size[leaves] / WHOLE, axis=1).sum()
@@ -76,7 +77,7 @@ def test_leaves_tile_the_region_and_all_their_faces_are_found_once(n, cuts):
 def test_what_is_no_tree_is_refused(cut, child):
     """No cell, one that is its own part, parts beyond the arrays, two parents, the root as a part, another axis."""
     with pytest.raises(NotProvedError):
-        halved(np.array(cut, dtype=np.int64), np.array(child, dtype=np.int64), 2)
+        tree_of(np.array(cut, dtype=np.int64), np.array(child, dtype=np.int64), 2)
 
 
 def test_an_edge_is_halved_down_to_one_unit():
@@ -87,16 +88,16 @@ def test_an_edge_is_halved_down_to_one_unit():
         child[[0, *range(1, 2 * times - 1, 2)]] = np.arange(1, 2 * times + 1, 2)
         if times == 33:
             with pytest.raises(NotProvedError):
-                halved(cut, child, 1)
+                tree_of(cut, child, 1)
         else:
-            assert halved(cut, child, 1).size.min() == 1
+            assert tree_of(cut, child, 1).size.min() == 1
 
 
 def test_what_is_not_reached_is_no_cell():
     """Numbers that no cell has as a part are no cells."""
-    assert halved(np.zeros(3, dtype=np.int64), np.full(3, -1), 2).reached.tolist() == [True, False, False]
+    assert tree_of(np.zeros(3, dtype=np.int64), np.full(3, -1), 2).reached.tolist() == [True, False, False]
     cut, child = np.zeros(6, dtype=np.int64), np.array([1, -1, -1, 4, -1, -1])
-    tree = halved(cut, child, 1)
+    tree = tree_of(cut, child, 1)
     assert tree.reached.tolist() == [True] * 3 + [False] * 3
     assert faces_of(tree, cut, child, np.zeros(1, dtype=bool)).upper.tolist() == [1]
 

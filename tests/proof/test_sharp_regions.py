@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ccpin.proof import covers
-from ccpin.proof.covers import RegionCover, halved, over_region
+from ccpin.proof.cell_tree import WHOLE, CellRegion, lie_within, tree_of
+from ccpin.proof.covers import RegionCover, over_region
 from ccpin.proof.demanded import Demanded
 from ccpin.proof.facts import NotProvedError, prove
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes
@@ -170,17 +171,23 @@ def test_a_full_turn_is_one_to_its_roundings(start, most):
         prove(cover(LINE, (-np.pi,), (np.pi,), (True,), (0,), (-1,), (-1,), -1), fact_of(LINE, [[0.0, 0.0]], 0.5))
 
 
+def lies_within(claim, tree, cell, boxes):
+    """Whether a cell of a claim's region lies in a box."""
+    region = CellRegion(claim.lower, claim.upper, claim.wrapped)
+    return bool(lie_within(claim.equations, region, tree, whole_numbers(cell), boxes, whole_numbers(0))[0])
+
+
 def test_corners_are_real_numbers():
     """lower + share (upper − lower), to the order of u²."""
     rng = np.random.default_rng(4)
     for _ in range(50):
         low, high = np.sort(rng.normal(size=(2, 3)), axis=0) * 10.0 ** rng.integers(-3, 4)
-        corner = rng.integers(0, covers.WHOLE, (5, 3))
+        corner = rng.integers(0, WHOLE, (5, 3))
         claim = cover(straight(np.ones((1, 3))), low, high, (False,) * 3)
-        at, rest = claim._position(corner)
+        at, rest = CellRegion(claim.lower, claim.upper, claim.wrapped).position(corner)
         for k, i in product(range(5), range(3)):
             a, b = Fraction(low[i]), Fraction(high[i])
-            stated = a + (b - a) * Fraction(int(corner[k, i]), covers.WHOLE)
+            stated = a + (b - a) * Fraction(int(corner[k, i]), WHOLE)
             assert abs(Fraction(at[k, i]) + Fraction(rest[k, i]) - stated) < 20 * U**2 * (1 + abs(a) + abs(b))
 
 
@@ -188,7 +195,7 @@ def test_a_cell_lies_in_its_box_to_99_parts_of_what_that_is_widened_by():
     """|x − c| ≤ h + 0.99 (1e-14 + 4u (|c| + h)) of both corners, x and the difference as real numbers."""
     rng = np.random.default_rng(5)
     cut, child = np.zeros(5, dtype=np.int64), whole_numbers(1, -1, 3, -1, -1)
-    tree = halved(cut, child, 1)
+    tree = tree_of(cut, child, 1)
     share = Fraction(99, 100)
     for size, which in product((1e-3, 1.0, 1e3), (1, 3, 4)):
         for upper in (False, True):
@@ -196,25 +203,21 @@ def test_a_cell_lies_in_its_box_to_99_parts_of_what_that_is_widened_by():
             high = low + 1e-3 * rng.uniform(1.0, 2.0)
             claim = cover(LINE, (low,), (high,), (False,), cut, child, np.where(np.arange(5) == which, 0, -1))
             corner = int(tree.lower[which, 0] + upper * tree.size[which, 0])
-            x = Fraction(low) + (Fraction(high) - Fraction(low)) * Fraction(corner, covers.WHOLE)
-            width = float(tree.size[which, 0] / covers.WHOLE) * (high - low)
+            x = Fraction(low) + (Fraction(high) - Fraction(low)) * Fraction(corner, WHOLE)
+            width = float(tree.size[which, 0] / WHOLE) * (high - low)
             centre = float(x) + (-1 if upper else 1) * 0.6 * width
             gap = abs(x - Fraction(centre))
             for more, held in ((1e-18, True), (-1e-18, False)):
                 stated = share * (Fraction(1e-14) + 4 * Fraction(U) * (abs(Fraction(centre)) + gap))
                 half = float(gap - stated + Fraction(more) + (1 if more > 0 else -1) * 2 * Fraction(np.spacing(width)))
                 boxes = boxes_about([[centre, centre]], half, [[1.0]], 1.0)
-                if held:
-                    claim._require_within(tree, whole_numbers(which), boxes)
-                else:
-                    with pytest.raises(NotProvedError):
-                        claim._require_within(tree, whole_numbers(which), boxes)
+                assert lies_within(claim, tree, which, boxes) == held
 
 
 def test_a_distance_is_rounded_once():
     """A corner's from the centre, whatever the two doubles of either are."""
     rng = np.random.default_rng(6)
-    tree = halved(whole_numbers(0, 0, 0), whole_numbers(1, -1, -1), 1)
+    tree = tree_of(whole_numbers(0, 0, 0), whole_numbers(1, -1, -1), 1)
     for _ in range(60):
         low, centre = rng.uniform(1.0, 2.0), rng.uniform(-0.5, 0.5)
         high = low + rng.uniform(0.5, 1.0)
@@ -224,24 +227,15 @@ def test_a_distance_is_rounded_once():
             h = Fraction(float(half))
             more = Fraction(99, 100) * (Fraction(1e-14) + 4 * Fraction(U) * (abs(Fraction(centre)) + h))
             boxes = boxes_about([[centre, centre]], half, [[1.0]], 1.0)
-            try:
-                claim._require_within(tree, whole_numbers(1), boxes)
-                held = True
-            except NotProvedError:
-                held = False
-            assert held == (float(gap) <= float(h + more))
+            assert lies_within(claim, tree, 1, boxes) == (float(gap) <= float(h + more))
 
 
 def test_what_is_widened_counts_each_of_its_terms():
     """[½, 1] in a box about ¾: 0.99 (1e-14 + 4u) = 1.034e-14 of it may be missing."""
-    tree = halved(whole_numbers(0, 0, 0), whole_numbers(1, -1, -1), 1)
+    tree = tree_of(whole_numbers(0, 0, 0), whole_numbers(1, -1, -1), 1)
     for less, held in ((1.031e-14, True), (1.0375e-14, False)):
         boxes = boxes_about([[0.75, 0.75]], 0.25 - less, [[1.0]], 1.0)
-        if held:
-            cover(box=(-1, -1, 0))._require_within(tree, whole_numbers(2), boxes)
-        else:
-            with pytest.raises(NotProvedError):
-                cover(box=(-1, -1, 0))._require_within(tree, whole_numbers(2), boxes)
+        assert lies_within(cover(box=(-1, -1, 0)), tree, 2, boxes) == held
 
 
 def test_a_region_of_four_cells_has_four_faces():

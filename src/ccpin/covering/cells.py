@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import Array, Columns, Indices, rows_of
 from ccpin.covering.region import Region
-from ccpin.proof.covers import WHOLE, Integers
+from ccpin.proof.cell_tree import WHOLE, Integers
 from ccpin.proof.rounding import blur
 
 _LARGE = 2**28  # bytes of a buffer

@@ -10,7 +10,7 @@ from ccpin.arrays import Array, Indices, Mask, joined
 from ccpin.covering.cells import CellTree
 from ccpin.covering.region import Region
 from ccpin.native.certifier import compiled_core
-from ccpin.proof.covers import WHOLE
+from ccpin.proof.cell_tree import WHOLE
 
 
 class CellFaces(NamedTuple):

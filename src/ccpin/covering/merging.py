@@ -12,7 +12,7 @@ from ccpin.arrays import Indices
 from ccpin.covering.cells import CellTree
 from ccpin.covering.region import Region
 from ccpin.errors import InvalidInputError
-from ccpin.proof.covers import WHOLE, Integers
+from ccpin.proof.cell_tree import WHOLE, Integers
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes
 from ccpin.proof.rounding import UNIT_ROUNDOFF

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Mask, numbers
 from ccpin.errors import InvalidInputError
-from ccpin.proof.covers import WHOLE, Integers
+from ccpin.proof.cell_tree import WHOLE, Integers
 from ccpin.proof.rounding import product_of, sum_of
 
 Corners = Sequence[ArrayLike] | Array  # (lower, upper)

@@ -11,23 +11,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ccpin.arrays import Array, Indices, Mask, joined, rows_of
+from ccpin.arrays import Array, Indices, Mask
+from ccpin.proof.cell_tree import CellRegion, Integers, faces_of, lie_within, require_region, tree_of
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
-from ccpin.proof.newton import Boxes
-from ccpin.proof.rounding import LEAST, ROUNDINGS, UNIT_ROUNDOFF, product_of, sum_of
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of
-
-LEVELS = 32  # halvings of an edge of the region: its units are 2⁻³²
-WHOLE = 1 << LEVELS
-_NEARLY = 0.99  # of what boxes are widened by: the rest is for u² and the roundings here
-Integers = NDArray[np.int64]
 
 
 @provable
@@ -76,16 +68,13 @@ class RegionCover(ProvableClaim):
         glue = tuple(premise for premise in premises if type(premise.claim) in (GluedBoxes, Met))
         require(len(solutions) + len(glue) == len(premises), "premises of other kinds")
         boxes = boxes_of(solutions)
-        require(self.lower <= self.upper, "a region with its corners exchanged")
-        periodic = self.equations.system.periodic[self.equations.system.independent]
-        gap = np.abs(self.upper - self.lower - 2.0 * np.pi)
-        near = ROUNDINGS * UNIT_ROUNDOFF * (2.0 * np.pi + np.abs(self.lower) + np.abs(self.upper))
-        require(~self.wrapped | (periodic & (gap <= near)), "no full turn of a period")
-        tree = halved(self.cut, self.child, len(self.lower))
+        region = CellRegion(self.lower, self.upper, self.wrapped)
+        require_region(self.equations, region)
+        tree = tree_of(self.cut, self.child, len(self.lower))
         leaves = np.flatnonzero(tree.reached & (self.child < 0))
         named = leaves[self.box[leaves] >= 0]
         require(self.box[leaves] < len(boxes.kappa), "a leaf names no box")
-        self._require_within(tree, named, boxes)
+        require(lie_within(self.equations, region, tree, named, boxes, self.box[named]), "a cell is not in its box")
         faces = faces_of(tree, self.cut, self.child, self.wrapped)
         one, other = self.box[faces.upper], self.box[faces.lower]
         both = (one >= 0) & (other >= 0)
@@ -105,30 +94,6 @@ class RegionCover(ProvableClaim):
                 "seed": self._seed(glue, solutions),
             },
         )
-
-    def _require_within(self, tree: HalvedTree, leaves: Indices, boxes: Boxes) -> None:
-        """That the leaves' cells lie in their boxes as widened, q being the boxes' parameters."""
-        number, independent = self.box[leaves], self.equations.system.independent
-        n = len(independent)
-        require(boxes.half.shape[1] == n or not len(leaves), "boxes whose parameters are not q")
-        if not len(leaves):
-            return
-        across = boxes.directions[number][:, independent]
-        require(np.array_equal(across, np.broadcast_to(np.eye(n), across.shape)), "boxes whose parameters are not q")
-        centre, half = boxes.centre[number][:, independent], boxes.half[number]
-        allowed = half + _NEARLY * (LEAST + ROUNDINGS * UNIT_ROUNDOFF * (np.abs(centre) + half))
-        for corner in (tree.lower[leaves], tree.lower[leaves] + tree.size[leaves]):
-            at, rest = self._position(corner)
-            gap, of_gap = sum_of(at, -centre)
-            require(np.abs(gap + (of_gap + rest)) <= allowed, "a cell is not in its box")
-
-    def _position(self, corner: Integers) -> tuple[Array, Array]:
-        """Whole-number coordinates as points of q-space, sums of two doubles."""
-        share = corner / WHOLE
-        width, of_width = sum_of(self.upper, -self.lower)
-        moved, of_moved = product_of(width, share)
-        at, of_at = sum_of(np.broadcast_to(self.lower, moved.shape), moved)
-        return at, of_at + (of_moved + of_width * share)
 
     def _seed(self, glue: tuple[Fact, ...], solutions: tuple[Fact, ...]) -> Array:
         """θ of the point that is in the seed's box."""
@@ -169,93 +134,6 @@ def one_function(faces: Indices, unglued: Indices, start: int, count: int) -> Ma
         if kept[a]:
             kept[a if b == start else b] = False
     return _joined(faces[kept[faces].all(axis=1)], start, count)
-
-
-class HalvedTree(NamedTuple):
-    """Cells as their numbers say: corners and edges in units of 2⁻³² of the region, (T, n); those there are, (T,)."""
-
-    lower: Integers
-    size: Integers
-    reached: Mask
-
-
-def halved(cut: Indices, child: Indices, n: int) -> HalvedTree:
-    """The cells of a tree, from the root down.
-
-    Raises:
-        NotProvedError: It is none: a cell has two parents or none of the cells there are, or an edge of one unit is
-        halved.
-    """
-    count = len(cut)
-    require(count > 0, "a tree without cells")
-    require((child < count - 1) & (cut < n), "a tree that leaves its arrays")
-    lower, size = np.zeros((count, n), dtype=np.int64), np.zeros((count, n), dtype=np.int64)
-    reached = np.zeros(count, dtype=np.bool_)
-    size[0], reached[0], cells = WHOLE, True, np.zeros(1, dtype=np.int64)
-    while (cells := cells[child[cells] >= 0]).size:
-        below, axis = child[cells], cut[cells]
-        both = np.concatenate([below, below + 1])
-        require(not np.any(reached[both]) and len(np.unique(both)) == len(both), "a cell with two parents")
-        half = size[cells, axis] // 2
-        require(half > 0, "an edge too short to be halved")
-        for side in (below, below + 1):
-            lower[side], size[side] = lower[cells], size[cells]
-        size[below, axis], size[below + 1, axis] = half, half
-        lower[below + 1, axis] += half
-        reached[both], cells = True, both
-    return HalvedTree(lower, size, reached)
-
-
-class LeafFaces(NamedTuple):
-    """Faces that leaves share: the cells whose upper and whose lower face it is, the axis across, (K,) each.
-
-    `seam`: whether the lower face is one whole turn further, (K,).
-    """
-
-    upper: Indices
-    lower: Indices
-    axis: Indices
-    seam: Mask
-
-    def turns(self, n: int) -> Indices:
-        """By how many turns q of the one cell is ahead of that of the other at the face, of shape (K, n)."""
-        turns = np.zeros((len(self.axis), n), dtype=np.int64)
-        turns[np.arange(len(turns)), self.axis] = self.seam
-        return turns
-
-
-def faces_of(tree: HalvedTree, cut: Indices, child: Indices, wrapped: Mask) -> LeafFaces:
-    """All faces that leaves share, each once: from the halves of every cell, and the region's two ends, downwards."""
-    inner, axes = np.flatnonzero(tree.reached & (child >= 0)), np.flatnonzero(wrapped)
-    none = np.zeros(len(axes), dtype=np.int64)
-    pairs = LeafFaces(
-        np.concatenate([child[inner], none]),
-        np.concatenate([child[inner] + 1, none]),
-        np.concatenate([cut[inner], axes]),
-        np.concatenate([np.zeros(len(inner), dtype=np.bool_), np.ones(len(axes), dtype=np.bool_)]),
-    )
-    found = []
-    while len(pairs.axis):
-        ended = (child[pairs.upper] < 0) & (child[pairs.lower] < 0)
-        found.append(rows_of(pairs, ended))
-        pairs = _parted(tree, cut, child, rows_of(pairs, ~ended))
-    return joined([*found, pairs])
-
-
-def _parted(tree: HalvedTree, cut: Indices, child: Indices, pairs: LeafFaces) -> LeafFaces:
-    """Pairs of cells with a common face, one of each halved: what of its halves still has a part of the face."""
-    first = child[pairs.upper] >= 0  # which of the two is halved
-    cell, still = np.where(first, pairs.upper, pairs.lower), np.where(first, pairs.lower, pairs.upper)
-    along, halves = cut[cell] == pairs.axis, []
-    for side in (0, 1):
-        half, axis = child[cell] + side, cut[cell]
-        low, high = tree.lower[half, axis], tree.lower[half, axis] + tree.size[half, axis]
-        other = tree.lower[still, axis]
-        meets = (low < other + tree.size[still, axis]) & (other < high)
-        kept = np.where(along, first == bool(side), meets)
-        upper, lower = np.where(first, half, pairs.upper), np.where(first, pairs.lower, half)
-        halves.append(LeafFaces(upper[kept], lower[kept], pairs.axis[kept], pairs.seam[kept]))
-    return joined(halves)
 
 
 def _numbers(fact: Fact, solutions: tuple[Fact, ...]) -> Indices:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ccpin.arrays import Array, Indices
-from ccpin.proof.equations import Closures, Problem, Requirements
+from ccpin.proof.equations import Closures, Requirements
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
 from ccpin.proof.requirements import meets
 from ccpin.proof.solutions import boxes_of
@@ -50,5 +50,5 @@ class Demanded(ProvableClaim):
         known = len(np.unique(self.driven)) == len(self.driven) in (0, n) and np.all(self.driven < size)
         require(known, "motors that do not drive as many coordinates as there are independent ones")
         demands = Requirements(self.lower, self.upper, self.driven, self.units, float(self.dexterity[0]))
-        problem = Problem(self.equations.system, self.equations.stack, self.equations.phasors, demands)
+        problem = self.equations.problem._replace(requirements=demands)
         return Examined(np.array([bool(meets(problem, boxes_of(premises)).all())]), {})

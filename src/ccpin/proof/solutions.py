@@ -243,17 +243,33 @@ def _agree(
     equations: Closures, tubes: _GlueBoxes, first: tuple[Indices, Array], second: tuple[Indices, Array]
 ) -> tuple[Mask, Indices]:
     """Whether boxes are glued at δ of the one and δ′ of the other, and the turns between them."""
-    boxes, dependent = tubes.boxes, equations.system.dependent
     here = _placed(equations, tubes, first)
-    place = _placed(equations, tubes, second, _exact(equations, boxes, *first))
-    rows, radius, image = here.rows, boxes.radius[here.rows], tubes.image[here.rows]
-    residual = apply(boxes.preconditioner[rows], equations.values(here.base))
+    place = _placed(equations, tubes, second, _exact(equations, tubes.boxes, *first))
+    ball, known = _ball(equations, tubes, here.rows, here.base)
+    return np.asarray(here.over & place.over & known & _inside(equations, tubes, place, ball)), place.turn
+
+
+def _ball(equations: Closures, tubes: _GlueBoxes, rows: Indices, base: Array) -> tuple[SolutionBall, Mask]:
+    """What boxes' solutions are known to where θ_c + Dδ is base (K, N), and whether they are, (K,)."""
+    boxes, dependent = tubes.boxes, equations.system.dependent
+    radius, image = boxes.radius[rows], tubes.image[rows]
+    residual = apply(boxes.preconditioner[rows], equations.values(base))
     share = np.max((np.abs(residual) + tubes.noise[rows]) / (radius - SLACK * image), axis=1, keepdims=True)
-    theta, modes = here.base, None if tubes.plain[rows].all() else boxes.modes[rows]
+    theta, modes = base, None if tubes.plain[rows].all() else boxes.modes[rows]
     theta[:, dependent] -= residual if modes is None else apply(modes, residual)
-    ball = SolutionBall(theta, SLACK * (share * image + tubes.noise[rows]), modes)
-    held = here.over & place.over & (share[:, 0] <= 1.0) & _inside(equations, tubes, place, ball)
-    return np.asarray(held), place.turn
+    return SolutionBall(theta, SLACK * (share * image + tubes.noise[rows]), modes), share[:, 0] <= 1.0
+
+
+def at_centres(equations: Closures, facts: Sequence[Fact], rows: Indices) -> tuple[Array, Array]:
+    """The dependent coordinates of the solutions over the middles of boxes of facts, by number: y and errors, (K, m).
+
+    Errors are not finite where nothing is known.
+    """
+    tubes, dependent = _tubes_of(equations, facts, rows), equations.system.dependent
+    with np.errstate(all="ignore"):
+        ball, known = _ball(equations, tubes, rows, tubes.boxes.centre[rows])
+        error = ball.error if ball.modes is None else apply(np.abs(ball.modes), ball.error)
+    return ball.theta[:, dependent], np.where(known[:, None], error * SLACK, np.inf)
 
 
 def _inside(equations: Closures, tubes: _GlueBoxes, place: _Place, ball: SolutionBall) -> Mask:

@@ -11,7 +11,7 @@ from ccpin.domain.atlas import radius_map, square
 from ccpin.domain.atlas.cover import AtlasBuilder, SquareNorm
 from ccpin.domain.atlas.radius_map import certified_radius, without_sigma
 from ccpin.errors import InvalidInputError
-from ccpin.proof.covers import WHOLE
+from ccpin.proof.cell_tree import WHOLE
 from ccpin.proof.newton import Boxes
 from ccpin.proof.rounding import SLACK
 

@@ -9,7 +9,7 @@ from ccpin.covering.cells import CellStatus, CellTree
 from ccpin.covering.faces import CellFaces
 from ccpin.covering.region import Region
 from ccpin.domain.atlas import refuting as module
-from ccpin.proof.covers import WHOLE
+from ccpin.proof.cell_tree import WHOLE
 
 REGION = Region(np.array([0.0, 10.0]), np.array([4.0, 18.0]), np.zeros(2, dtype=bool))
 READING = SimpleNamespace(

@@ -14,7 +14,8 @@ from ccpin.domain import Atlas, SheetAtlas, SingularCover, certify, certify_shee
 from ccpin.domain.documents import store
 from ccpin.domain.documents.checked import checked_boxes, checked_cells, checked_closures, checked_region
 from ccpin.errors import InvalidInputError
-from ccpin.proof.covers import WHOLE, halved
+from ccpin.proof.cell_tree import WHOLE
+from ccpin.proof.covers import halved
 
 TURN = 2.0 * np.pi
 

@@ -12,7 +12,7 @@ import ccpin
 from ccpin.covering.cells import CellStatus, CellTree, SingularCells
 from ccpin.covering.region import Region
 from ccpin.domain import certify_sheets
-from ccpin.domain.sheets import certifying, merged
+from ccpin.domain.sheets import certifying, merged, sheet_claims
 from ccpin.domain.sheets import sheets as module
 from ccpin.domain.sheets.counting import Cover
 from ccpin.domain.sheets.cover import Glued, Members
@@ -242,11 +242,20 @@ def test_a_search_is_complete_where_all_of_it_is(monkeypatch, searched, counted,
     tree, begun = quarters(CERTIFIED, EMPTY, SINGULAR, UNDECIDED), sheets_over(0.0, 1.0)
     cover = Cover(tree, begun.left, searched)
     monkeypatch.setattr(certifying, "cover_singular", lambda *_: cover)
-    monkeypatch.setattr(certifying, "_counted", lambda *_: ([], counted))
+    asked = []
+
+    def counted_parts(runner, tree, region, ranges, regular):
+        asked.append(regular.tolist())
+        if not counted:
+            runner.flag.set()
+        return sheet_claims.counted_parts(runner, tree, region, ranges, regular[:0])
+
+    monkeypatch.setattr(certifying, "counted_parts", counted_parts)
     monkeypatch.setattr(certifying, "mark_in_cells", lambda *_: [])
     work, effort = certifying.Work(None, None, None, None), certifying.Effort(3, 10, None)
     found = certifying._survey(begun.reading, begun.names, begun.region, begun.ranges, effort, work, None)
     assert found.complete is complete
+    assert asked == [np.setdiff1d([3, 4, 5, 6], begun.left.cell).tolist()]
     assert found.count.tolist() == [-1] * 7
     assert tree.status[3:].tolist() == [UNDECIDED] * 4
 
@@ -260,25 +269,38 @@ def test_what_is_counted_is_told_of_its_cells():
 
 
 def test_parts_are_counted_a_few_at_a_time(monkeypatch):
-    """Each by its largest cell's middle; those of which not all was proved are left out."""
+    """Each over the middle of its largest cell; those of which not all was proved are left out."""
     tree = CellTree.whole(1)
     for _ in range(5):
         tree.split(tree.leaves(), np.zeros(len(tree.leaves()), dtype=int))
     region, leaves = Region(np.zeros(1), np.full(1, 32.0), np.array([False])), tree.leaves()
     unions = [leaves[[k]] for k in range(0, 32, 2)] + [leaves[[31]]]
-    monkeypatch.setattr(certifying, "parts_of", lambda *_: unions)
-    asked = []
+    monkeypatch.setattr(sheet_claims, "parts_of", lambda *_: unions)
+    asked, excluded = [], SimpleNamespace(found={"empty": tree.child < 0})
+    monkeypatch.setattr(sheet_claims, "excluded_over", lambda *_: excluded)
 
     def mapped(task, chunks):
         asked.append(len(chunks))
-        return [(np.full((1, 2), chunk[-1][0]), np.array(chunk[-1][0] != 4.5)) for chunk in chunks]
+        return [boxes_at([[chunk[-1][0]]], [[0.0]]) for chunk in chunks]
 
-    parts, all_counted = certifying._counted(SimpleNamespace(map=mapped), tree, region, (1, 2, 3, 4), None)
+    def counted_over(problem, excluded, cell, q, found):
+        count = np.full(len(tree.child), -1)
+        count[cell[q[:, 0] != 4.5]] = 1
+        claim, theta = SimpleNamespace(point=np.arange(17)), np.concatenate([box.centre for box in found])
+        premise = SimpleNamespace(claim=SimpleNamespace(centre=theta))
+        own = np.arange(17) != 3
+        return SimpleNamespace(premises=(excluded, premise), claim=claim, found={"count": count, "own": own})
+
+    monkeypatch.setattr(sheet_claims, "counted_over", counted_over)
+    runner = SimpleNamespace(
+        map=mapped, check=lambda: None, problem=SimpleNamespace(system=SimpleNamespace(n=1, n_free=2))
+    )
+    parts, _ = sheet_claims.counted_parts(runner, tree, region, (1, 2, 3, 4), leaves)
     assert asked == [8, 8, 1]
-    assert all_counted
     kept = [union for union in unions if union[0] != leaves[4]]
     assert [part.counted for part in parts] == [union[0] for union in kept]
-    assert [part.theta[0, 0] for part in parts] == [list(leaves).index(union[0]) + 0.5 for union in kept]
+    middles = [[list(leaves).index(union[0]) + 0.5] for union in kept]
+    assert [part.theta[:, 0].tolist() for part in parts] == [middle if middle != [6.5] else [] for middle in middles]
 
 
 # Parts put together

@@ -9,7 +9,7 @@ from ccpin.covering.cells import CellStatus, CellTree, place
 from ccpin.covering.region import Region
 from ccpin.domain.sheets import cover as module
 from ccpin.domain.sheets.cover import CountedRegion, Front, Glued, Members, glued_pairs, parts_of
-from ccpin.proof.covers import LEVELS
+from ccpin.proof.cell_tree import LEVELS
 from ccpin.proof.newton import Boxes
 
 SYSTEM = SimpleNamespace(

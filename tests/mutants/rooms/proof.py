@@ -45,10 +45,7 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "proof/covers",
         (
-            "_NEARLY",
             "RegionCover.examined",
-            "RegionCover._require_within",
-            "RegionCover._position",
             "RegionCover._seed",
             "over_region",
             "_numbers",
@@ -72,6 +69,12 @@ ROOMS: tuple[Room, ...] = (
         "proof/candidates",
         ("BEYOND", "over_all", "narrowed_both", "beyond", "_extent", "halved", "handed_down"),
         ("proof/test_sharp_waiting.py",),
+    ),
+    Room("proof/covers", ("one_function",), ("proof/test_sharp_covers.py",)),
+    Room(
+        "proof/cell_tree",
+        ("_NEARLY", "CellRegion.position", "require_region", "lie_within"),
+        ("proof/test_sharp_regions.py",),
     ),
     Room(
         "proof/paths",
@@ -330,8 +333,8 @@ ROOMS: tuple[Room, ...] = (
         (("moved = a * 134217729.0", "× 0.9", "halves of 26 bits and 27 have exact products too"),),
     ),
     Room(
-        "proof/covers",
-        ("halved", "LeafFaces.turns", "faces_of", "_parted", "one_function"),
+        "proof/cell_tree",
+        ("tree_of", "LeafFaces.turns", "faces_of", "_parted"),
         ("proof/test_sharp_covers.py",),
         (
             ("ended = (child[pairs.upper] < 0)", "0 let in", "no part is the region: its cell would have two parents"),

@@ -25,7 +25,7 @@ from ccpin.domain.closures.system import Reading
 from ccpin.domain.singular.marking import mark_singular
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.proof.covers import LEVELS
+from ccpin.proof.cell_tree import LEVELS
 from ccpin.proof.equations import BoundsName
 from ccpin.work import Stopped, executor_for, stoppable
 

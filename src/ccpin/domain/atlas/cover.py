@@ -21,7 +21,7 @@ from ccpin.covering.proposals.tasks import CellsToProve, Proved, compiled, glue_
 from ccpin.covering.region import Region
 from ccpin.covering.runner import Report, Runner
 from ccpin.errors import SingularConfigurationError
-from ccpin.proof.covers import LEVELS, WHOLE
+from ccpin.proof.cell_tree import LEVELS, WHOLE
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, encloses, predict
 from ccpin.work import Stopped

@@ -15,7 +15,7 @@ from ccpin.covering.runner import Runner
 from ccpin.domain.closures.searchable import MOST_DEPENDENT, all_values
 from ccpin.domain.closures.system import Reading
 from ccpin.proof.candidates import handed_down, over_all
-from ccpin.proof.covers import LEVELS
+from ccpin.proof.cell_tree import LEVELS
 from ccpin.proof.emptiness import empty_cells, groups_of, platform_of
 from ccpin.proof.equations import Problem
 from ccpin.proof.narrowing import Candidates

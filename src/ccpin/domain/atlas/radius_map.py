@@ -9,7 +9,7 @@ from ccpin.arrays import Array, Indices, instance, numbers
 from ccpin.covering.cells import CellStatus
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.errors import InvalidInputError
-from ccpin.proof.covers import WHOLE
+from ccpin.proof.cell_tree import WHOLE
 
 _CHUNK = 1_000_000
 

@@ -14,7 +14,7 @@ from ccpin.containers import NamedArrays
 from ccpin.covering.cells import CellStatus
 from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.errors import InvalidInputError
-from ccpin.proof.covers import WHOLE, halved
+from ccpin.proof.cell_tree import WHOLE, tree_of
 from ccpin.proof.facts import NotProvedError
 from ccpin.proof.rounding import widened
 from ccpin.proof.solutions import TURN
@@ -93,7 +93,7 @@ def checked_cells(arrays: NamedArrays) -> None:
     lower, size, cut, child, status = (arrays[f"tree_{name}"] for name in ("lower", "size", "cut", "child", "status"))
     split = np.flatnonzero(child >= 0)
     try:
-        tree = halved(cut, child, lower.shape[1])
+        tree = tree_of(cut, child, lower.shape[1])
     except NotProvedError as error:
         raise InvalidInputError(f"tree_child: no tree of cells: {error}") from error
     _require(np.all(child[split] > split) and np.all(tree.reached), "tree_child: no tree of cells")

@@ -12,27 +12,27 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Indices, instance, joined, positive, whole
-from ccpin.covering.cells import CellStatus, CellTree, SingularCells, place
+from ccpin.arrays import instance, joined, positive, whole
+from ccpin.covering.cells import CellStatus, SingularCells
 from ccpin.covering.region import Corners, Region
 from ccpin.covering.runner import Progress, Runner, Work, reporter
 from ccpin.domain.closures.packing import require_about
 from ccpin.domain.closures.searchable import check_searchable, region_about, searched_ranges
 from ccpin.domain.closures.system import Reading, reading_of
-from ccpin.domain.sheets.counting import Cover, cover_singular, solutions_task
-from ccpin.domain.sheets.cover import CountedRegion, Front, glued_pairs, parts_of
+from ccpin.domain.sheets.counting import Cover, cover_singular
+from ccpin.domain.sheets.cover import Front, glued_pairs
+from ccpin.domain.sheets.sheet_claims import counted_parts, mark, proved_sheets
 from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.domain.singular.marking import mark_in_cells
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.proof.covers import LEVELS
+from ccpin.proof.cell_tree import LEVELS
 from ccpin.proof.equations import BoundsName
 from ccpin.proof.ranges import Ranges
 from ccpin.work import Stopped, executor_for, stoppable
 
 _DEPTHS = {1: 10, 2: 7, 3: 4}
 _DEEPER = 3
-_COUNTED, _AT_ONCE = 64, 8
 
 
 def certify_sheets(
@@ -127,17 +127,17 @@ def _survey(
     work: Work,
     begun: Cover | None,
 ) -> SheetAtlas:
-    """Search, count, certify, glue."""
-    report = reporter(work.progress)
+    """Search, count, certify, glue, and have all of it proved."""
+    report, problem = reporter(work.progress), reading.problem
     with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
-        runner = Runner(reading.problem, chosen, work.checkpoint, flag)
+        runner = Runner(problem, chosen, work.checkpoint, flag)
         first = runner.within(None if effort.seconds is None else 0.5 * effort.seconds)
         cover = cover_singular(first, region, ranges, effort.depth, effort.budget, report, begun)
         tree, leaves, open_cells = cover.tree, cover.tree.leaves(), np.unique(cover.left.cell)
         tree.status[leaves] = CellStatus.UNDECIDED
-        parts, all_counted = _counted(runner, tree, region, ranges, np.setdiff1d(leaves, open_cells))
+        parts, counted = counted_parts(runner, tree, region, ranges, np.setdiff1d(leaves, open_cells))
         front = Front(runner, region, tree, parts, effort.depth + _DEEPER, report)
-        complete, joined_by = cover.complete and all_counted, None
+        complete, joined_by = cover.complete and not flag.is_set(), None
         singular = [SingularCells.none(reading.system.n_free)]
         try:
             front.run()
@@ -147,42 +147,21 @@ def _survey(
                 singular.append(found)
         except Stopped:
             complete = False
-    count = np.full(len(tree.child), -1, dtype=np.int64)
-    known = front.part >= 0
-    count[known] = np.array([len(part.theta) for part in parts], dtype=np.int64)[front.part[known]]
+    glued = front.glued if joined_by is None else joined_by
+    proved = proved_sheets(problem, tree, front.boxes, front.members, glued, counted)
+    mark(tree, proved)
     return SheetAtlas(
         names=names,
         region=region,
         reading=reading,
         tree=tree,
-        boxes=front.boxes,
-        members=front.members,
-        glued=front.glued if joined_by is None else joined_by,
-        count=count,
+        boxes=proved.boxes,
+        members=proved.members,
+        glued=proved.glued,
+        count=proved.count,
         left=cover.left,
         ranges=ranges,
         complete=complete,
         singular=joined(singular),
+        proved=proved,
     )
-
-
-def _counted(
-    runner: Runner, tree: CellTree, region: Region, ranges: Ranges, regular: Indices
-) -> tuple[list[CountedRegion], bool]:
-    """The largest parts of the regular cells, with all solutions over one q of each where that was proved.
-
-    And whether no interrupt left some of them uncounted.
-    """
-    unions = parts_of(tree, region, regular)[:_COUNTED]
-    largest = np.array([int(cells[int(np.argmax(tree.shares(cells)))]) for cells in unions], dtype=np.intp)
-    middles, parts = place(tree, region, largest)[0], list[CountedRegion]()
-    for first in range(0, len(unions), _AT_ONCE):
-        some = range(first, min(first + _AT_ONCE, len(unions)))
-        try:
-            found = runner.map(solutions_task, [(*ranges, middles[k]) for k in some])
-        except Stopped:
-            return parts, False
-        for k, (theta, whole_count) in zip(some, found, strict=True):
-            if whole_count:
-                parts.append(CountedRegion(unions[k], int(largest[k]), np.asarray(theta, dtype=np.float64)))
-    return parts, True

@@ -23,7 +23,7 @@ from ccpin.covering.proposals.solving import newton
 from ccpin.covering.proposals.tasks import CellsToProve, glue_boxes, prove_cells
 from ccpin.covering.region import Region
 from ccpin.covering.runner import Report, Runner
-from ccpin.proof.covers import LEVELS
+from ccpin.proof.cell_tree import LEVELS
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, encloses, predict, without_turns
 

@@ -4,7 +4,8 @@ What is sound. What is said of a cell (how many closed configurations each of it
 is singular), of the boxes over it (Theorem N) and of two glued ones is about that cell and those boxes, whatever the
 region they are cells of: it stands. Boxes on the two sides of a seam are glued where the corollary of `boxes` proves
 that they carry the same σ there, as all others are. Parts count within the same limits, and so does the whole: the
-ranges over all of the region are derived anew (Lemma R of `ccpin.proof.ranges`). The boxes that enclose all singular
+ranges over all of the region are derived anew (Lemma R of `ccpin.proof.ranges`), and all of it is proved once more, as
+one. The boxes that enclose all singular
 closed configurations over each part enclose together those over the whole.
 
 Sheets of two parts are one where such gluing joins them; on it, as on any, assembly modes may change places round a
@@ -24,6 +25,7 @@ from ccpin.covering.merging import grafted, whole_region
 from ccpin.covering.runner import Runner
 from ccpin.domain.closures.packing import same_reading
 from ccpin.domain.sheets.cover import Members, glued_pairs
+from ccpin.domain.sheets.sheet_claims import mark, proved_again
 from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.errors import InvalidInputError
 from ccpin.proof.ranges import ranges_over
@@ -45,18 +47,26 @@ def merge_sheets(parts: Sequence[SheetAtlas]) -> SheetAtlas:
     count = np.full(len(tree.child), -1, dtype=np.int64)
     for part, place in pairs:
         count[place.of(np.arange(len(part.count)))] = part.count
-    return replace(
+    problem, runner = parts[0].problem, Runner(parts[0].problem, None, None, Event())
+    ranges = ranges_over(problem.system, parts[0].ranges, (region.lower, region.upper))
+    merged = replace(
         parts[0],
         region=region,
-        ranges=ranges_over(parts[0].problem.system, parts[0].ranges, (region.lower, region.upper)),
+        ranges=ranges,
         tree=tree,
         boxes=boxes,
         members=members,
-        glued=glued_pairs(Runner(parts[0].problem, None, None, Event()), region, tree, members, boxes),
+        glued=glued_pairs(runner, region, tree, members, boxes),
         count=count,
         left=joined(part.left._replace(cell=place.of(part.left.cell)) for part, place in pairs),
         singular=joined(part.singular._replace(cell=place.of(part.singular.cell)) for part, place in pairs),
         complete=all(part.complete for part in parts),
+        proved=None,
+    )
+    proved = proved_again(runner, region, ranges, tree, count, merged)
+    mark(tree, proved)
+    return replace(
+        merged, boxes=proved.boxes, members=proved.members, glued=proved.glued, count=proved.count, proved=proved
     )
 
 

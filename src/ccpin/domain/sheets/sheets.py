@@ -16,10 +16,11 @@ is known. Two sheets told apart here may be one that is connected through undeci
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,16 +34,18 @@ from ccpin.covering.documents import packed, unpacked
 from ccpin.covering.faces import contacts_of
 from ccpin.covering.proposals.solving import newton
 from ccpin.covering.region import Region
+from ccpin.covering.runner import Runner
 from ccpin.domain.closures.packing import fingerprint_of, same_closures
 from ccpin.domain.closures.system import Reading
 from ccpin.domain.documents import store
 from ccpin.domain.documents.kinds import SHEETS
 from ccpin.domain.sheets.cover import Glued, Members
 from ccpin.domain.sheets.seams import Fold, cross, near_folds
+from ccpin.domain.sheets.sheet_claims import ProvedSheets, mark, proved_again
 from ccpin.domain.singular.cusp_points import Cusp, distinct, proved_cusps
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.proof.covers import WHOLE
+from ccpin.proof.cell_tree import WHOLE
 from ccpin.proof.equations import Problem, closure_values, closures_of
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.newton import Boxes, check, solve_in_boxes, without_turns
@@ -103,6 +106,7 @@ class SheetAtlas:
         ranges: What was searched of the dependent coordinates, and why that is all.
         complete: False where an interrupt ended the work; what is there is proved nevertheless.
         singular: A singular configuration over each cell called so.
+        proved: The facts about its boxes and cells; ``None`` of sheets from a file that were not replayed.
         source: The file it was loaded from, if it was: what it says rests on that file, but for its boxes, which `load`
             proved again. `ccpin.auditing.verify` proves the rest.
     """
@@ -119,7 +123,12 @@ class SheetAtlas:
     ranges: Ranges
     complete: bool
     singular: SingularCells
+    proved: ProvedSheets | None = None
     source: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.proved is not None and not self.proved.says(self, self.count):
+            raise InvalidInputError("sheets that are not those that were proved")
 
     def __repr__(self) -> str:
         done = ("" if self.complete else ", interrupted") + ("" if self.source is None else ", loaded")
@@ -219,16 +228,21 @@ class SheetAtlas:
         store.write(path, SHEETS, header, arrays | {"count": self.count})
 
     @classmethod
-    def load(cls, path: str | Path) -> SheetAtlas:
+    def load(cls, path: str | Path, *, replay: bool = False) -> SheetAtlas:
         """Read sheets that `save` wrote. If the file may have been altered, call `verify` or `auditing.verify`.
 
+        Args:
+            path: The file.
+            replay: Whether to prove once more how many configurations its cells have and which boxes are glued; its
+                boxes are proved in any case.
+
         Raises:
-            InvalidInputError: The file cannot be read or is none, or a box in it is not proved.
+            InvalidInputError: The file cannot be read or is none, or what was proved of it is not found to hold.
         """
         with store.reading(path, SHEETS) as (header, arrays):
             records = {part: unpacked(part, kind, arrays) for part, kind in _RECORDS.items()}
             held = store.unpack(header, arrays)
-            return cls(
+            sheets = cls(
                 names=tuple(header["names"]),
                 count=arrays["count"].astype(np.int64),
                 complete=header["complete"],
@@ -240,6 +254,19 @@ class SheetAtlas:
                 **records,
                 source=str(path),
             )
+            return sheets.replayed() if replay else sheets
+
+    def replayed(self) -> SheetAtlas:
+        """The same with all that is said of its cells and boxes proved once more.
+
+        Raises:
+            InvalidInputError: It is not found to hold: the file was altered.
+        """
+        runner = Runner(self.problem, None, None, Event())
+        proved = proved_again(runner, self.region, self.ranges, self.tree, self.count, self)
+        if not proved.says(self, self.count) or mark(self.tree, proved):
+            raise InvalidInputError("what it says of its cells is not found to hold: the file was altered")
+        return replace(self, glued=proved.glued, proved=proved)
 
     def number_of_solutions(self, q: ArrayLike) -> int | NDArray[np.int64]:
         """How many closed configurations q (n,) has, −1 where that is not proved; an array (K,) for points (K, n)."""

@@ -16,7 +16,7 @@ from scipy import ndimage
 from ccpin.arrays import Array, Mask
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.radius_map import without_sigma
-from ccpin.proof.covers import WHOLE
+from ccpin.proof.cell_tree import WHOLE
 
 _MOST_VOXELS = 2**21
 

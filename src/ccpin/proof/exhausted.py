@@ -1,0 +1,155 @@
+"""Claims about all closed configurations over a region: over which cells there is none, or none that is singular.
+
+Branch and prune: one candidate holds everything over the region within the ranges of the dependent coordinates, which
+are derived here (Lemma R). It is narrowed (Proposition N) and halved, in all coordinates; where no candidate is left
+over a cell, nothing is. So a search that finds a tree of cells may do as it likes: it is gone through again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from ccpin.arrays import Array, Indices, Mask, joined, rows_of
+from ccpin.errors import UnsupportedMechanismError
+from ccpin.proof.candidates import halved, handed_down, narrowed_both, over_all, steepness, to_halve
+from ccpin.proof.cell_tree import CellRegion, require_region, tree_of
+from ccpin.proof.equations import Closures, Problem
+from ccpin.proof.facts import Examined, Fact, Form, NotProvedError, ProvableClaim, provable, require
+from ccpin.proof.narrowing import Candidates
+from ccpin.proof.ranges import Ranges, ranges_of
+from ccpin.work import check
+
+ROUNDS = 60
+"""How often candidates over a cell are narrowed and halved before the cell is."""
+_MOST = 50_000_000  # candidates: a forged tree costs time, not for ever
+_DEEPER = 3  # halvings of each edge of a cell that the claim does not keep and the search needed not
+
+
+@provable
+@dataclass(frozen=True, eq=False)
+class Excluded(ProvableClaim):
+    """Over no q of some leaves is there a closed configuration that keeps the limits.
+
+    `singular`: or none that is singular or at a limit.
+
+    Attributes:
+        lower, upper, wrapped, cut, child: The region and the tree of its cells, as for `covers.RegionCover`.
+        kept: Leaves of which nothing is to be said, of shape (T,).
+        limits: Of the dependent coordinates, ±`NO_LIMIT` where there is none, of shape (m, 2).
+        middle: Of full turns: where they are cut open, of shape (m,).
+        singular: Of shape (1,).
+
+    Found: `empty` (T,), the leaves of which this is proved.
+    """
+
+    lower: Array
+    upper: Array
+    wrapped: Mask
+    cut: Indices
+    child: Indices
+    kept: Mask
+    limits: Array
+    middle: Array
+    singular: Mask
+    theorem = "counting"
+    forms = MappingProxyType(
+        {
+            "lower": Form("P"),
+            "upper": Form("P"),
+            "wrapped": Form("P", "b"),
+            "cut": Form("T", "i", 0),
+            "child": Form("T", "i", -1),
+            "kept": Form("T", "b"),
+            "limits": Form("M2"),
+            "middle": Form("M"),
+            "singular": Form("1", "b"),
+        }
+    )
+
+    @property
+    def region(self) -> CellRegion:
+        """The region."""
+        return CellRegion(self.lower, self.upper, self.wrapped)
+
+    def examined(self, *premises: Fact) -> Examined:
+        """Branch and prune down the tree, as far as a leaf below is not kept."""
+        require(not premises, "what is excluded rests on nothing else")
+        require(self.equations.system.moduli == 0.0, "rows modulo something hold elsewhere too")
+        require_region(self.equations, self.region)
+        tree = tree_of(self.cut, self.child, len(self.lower))
+        asked, problem, ranges = _asked(tree.reached, self.child, self.kept), self.equations.problem, self.ranges()
+        waiting, tried, held = over_all(problem, ranges, self.lower, self.upper), 0, [np.zeros(0, dtype=np.intp)]
+        with np.errstate(all="ignore"):
+            while (waiting := rows_of(waiting, asked[waiting.cell])).cell.size:
+                tried += len(waiting.cell)
+                require(tried < _MOST, "more candidates than are looked at")
+                waiting = _settled(problem, ranges, waiting, bool(self.singular[0]))
+                leaves = self.child[waiting.cell] < 0
+                held.append(self._held(problem, ranges, rows_of(waiting, leaves)))
+                waiting = handed_down(problem, self.cut, self.child, rows_of(waiting, ~leaves))
+        empty = tree.reached & (self.child < 0) & ~self.kept
+        empty[np.concatenate(held)] = False
+        return Examined(np.ones(1, dtype=np.bool_), {"empty": empty})
+
+    def ranges(self) -> Ranges:
+        """The ranges of the dependent coordinates over the region (Lemma R).
+
+        Raises:
+            NotProvedError: One is not bounded.
+        """
+        return ranges_over_region(self.equations, (self.lower, self.upper), self.limits, self.middle)
+
+    def _held(self, problem: Problem, ranges: Ranges, waiting: Candidates) -> Indices:
+        """The leaves over which something is left of candidates, if these are halved a few times more."""
+        independent = problem.system.independent
+        for _ in range(_DEEPER * len(independent)):
+            if not waiting.cell.size:
+                break
+            moved = steepness(problem, waiting.centre)[:, independent] * waiting.half[:, independent]
+            waiting = halved(problem, waiting, independent[np.argmax(moved, axis=1)])
+            waiting = _settled(problem, ranges, waiting, bool(self.singular[0]))
+        return np.asarray(waiting.cell)
+
+
+def ranges_over_region(equations: Closures, region: tuple[Array, Array], limits: Array, middle: Array) -> Ranges:
+    """What is searched of the dependent coordinates over a region (lower, upper), full turns about `middle` (m,).
+
+    Raises:
+        NotProvedError: One has no bounds.
+    """
+    system, theta = equations.system, np.zeros(equations.system.n_free)
+    theta[system.dependent] = middle
+    try:
+        return ranges_of(system, theta, region, limits, [str(j) for j in range(system.n_free)])
+    except UnsupportedMechanismError as error:
+        raise NotProvedError(str(error)) from error
+
+
+def _asked(reached: Mask, child: Indices, kept: Mask) -> Mask:
+    """Whether a cell has a leaf that is not kept, of shape (T,)."""
+    inner, parent = np.flatnonzero(reached & (child >= 0)), np.full(len(child), -1, dtype=np.int64)
+    for side in (0, 1):
+        parent[child[inner] + side] = inner
+    asked, cells = np.zeros(len(child), dtype=np.bool_), np.flatnonzero(reached & (child < 0) & ~kept)
+    while cells.size:
+        asked[cells] = True
+        above = np.unique(parent[cells])
+        cells = above[(above >= 0) & ~asked[above]]
+    return asked
+
+
+def _settled(problem: Problem, ranges: Ranges, waiting: Candidates, singular: bool) -> Candidates:
+    """Candidates narrowed and halved until only their cells' size is in the way."""
+    stuck = [rows_of(waiting, slice(0))]
+    for _ in range(ROUNDS):
+        if not waiting.cell.size:
+            break
+        check()
+        waiting = narrowed_both(problem, ranges, waiting, singular)
+        cut, due = to_halve(problem, waiting)
+        stuck.append(rows_of(waiting, ~due))
+        waiting = halved(problem, rows_of(waiting, due), cut[due])
+    return joined([*stuck, waiting])
