@@ -28,7 +28,6 @@ from ccpin.proof.ranges import Ranges
 from ccpin.proof.rounding import SLACK
 from ccpin.proof.solutions import at_centres, boxes_of
 
-_ROUNDS = 400  # of halving: a search over one q ends long before
 _MOST = 1_000_000  # candidates over one q
 _INNER = 0.25  # of a cell: so far from its middle a q is surely in it
 _ROOM = 1e-13  # rad, m
@@ -196,15 +195,15 @@ def own_solutions(problem: Problem, ranges: Ranges, q: Array, boxes: Boxes) -> M
     inside, beyond = within(problem, ranges, boxes)
     require(inside | beyond, "a configuration that may be at the end of a range")
     waiting, tried = over_all(problem, ranges, q, q), 0
-    for _ in range(_ROUNDS):
+    while True:
         waiting = narrowed_both(problem, ranges, waiting)
         waiting = rows_of(waiting, ~known(problem, waiting, boxes))
         tried += len(waiting.cell)
         if not waiting.cell.size:
             break
-        require(tried < _MOST, "more candidates than are looked at")
-        waiting = halved(problem, waiting, to_halve(problem, waiting)[0])
-    require(not waiting.cell.size, "there may be a configuration that is not known")
+        cut, due = to_halve(problem, waiting)
+        require(due & (tried < _MOST), "there may be a configuration that is not known")
+        waiting = halved(problem, waiting, cut)
     own, one = inside.copy(), [boxes.take(np.array([k])) for k in range(len(inside))]
     for first, second in combinations(np.flatnonzero(inside).tolist(), 2):
         if not different(problem, one[first], one[second]):
