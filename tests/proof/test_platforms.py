@@ -29,7 +29,7 @@ def test_no_delta_closes_where_it_says_so(half, told, points):
     """No point of an emptied cell has the platform level; of points where the spheres miss a good share are told."""
     system = system_of("delta")
     arms = np.random.default_rng(0).uniform(-np.pi, np.pi, (points, 3))
-    empty = platform_empty(system, platform_of(system), arms, np.full_like(arms, half))
+    empty, _ = platform_empty(system, platform_of(system), arms, np.full_like(arms, half))
     inside = arms + half * np.random.default_rng(1).uniform(-1.0, 1.0, arms.shape)
     missed = spheres.circumradius(inside) > spheres.FOREARM
     assert not np.any(empty & ~missed)
@@ -42,7 +42,7 @@ def test_no_3rrr_closes_where_it_says_so(half, told, points):
     """No point of an emptied cell has a real root of the sextic."""
     system, rng = system_of("planar_3rrr"), np.random.default_rng(2)
     centres = rng.uniform(-np.pi, np.pi, (points, 3))
-    empty = platform_empty(system, platform_of(system), centres, np.full_like(centres, half))
+    empty, _ = platform_empty(system, platform_of(system), centres, np.full_like(centres, half))
     modes, doubtful = three_legs.modes(centres + half * rng.uniform(-1.0, 1.0, centres.shape))
     assert not np.any(empty & ~doubtful & (modes > 0))
     assert np.mean(empty) > told * np.mean(modes == 0)

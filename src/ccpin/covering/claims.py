@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, rows_of
+from ccpin.covering.cells import CellTree
 from ccpin.covering.proposals.krawczyk import certify_points
 from ccpin.covering.proposals.solving import newton
+from ccpin.covering.region import Region
 from ccpin.proof.equations import Problem, closures_of
 from ccpin.proof.facts import Fact, prove_some
 from ccpin.proof.newton import Boxes, predict
@@ -31,6 +33,17 @@ class Seams(NamedTuple):
         """None yet."""
         number, point = np.zeros(0, dtype=np.int64), np.zeros((0, n))
         return cls(number, number, point, point)
+
+
+def cells_of(region: Region, tree: CellTree) -> dict[str, Any]:
+    """A region and the tree of its cells, as claims have them."""
+    return {
+        "lower": region.lower,
+        "upper": region.upper,
+        "wrapped": region.wrapped,
+        "cut": np.asarray(tree.cut, dtype=np.int64),
+        "child": np.asarray(tree.child, dtype=np.int64),
+    }
 
 
 def proved_boxes(problem: Problem, boxes: Boxes) -> tuple[Fact, Mask]:

@@ -15,13 +15,15 @@ import numpy as np
 from ccpin.arrays import Array, Indices, Mask, joined, rows_of
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.proof.candidates import halved, handed_down, narrowed_both, over_all, steepness, to_halve
-from ccpin.proof.cell_tree import CellRegion, require_region, tree_of
+from ccpin.proof.cell_tree import WHOLE, CellRegion, require_region, tree_of
+from ccpin.proof.emptiness import empty_by, empty_cells, ends_over, groups_of, platform_of
 from ccpin.proof.equations import Closures, Problem
 from ccpin.proof.facts import Examined, Fact, Form, NotProvedError, ProvableClaim, provable, require
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import Ranges, ranges_of
 from ccpin.work import check
 
+_AT_ONCE = 20_000  # cells: bounds memory
 ROUNDS = 60
 """How often candidates over a cell are narrowed and halved before the cell is."""
 _MOST = 50_000_000  # candidates: a forged tree costs time, not for ever
@@ -112,6 +114,57 @@ class Excluded(ProvableClaim):
             waiting = halved(problem, waiting, independent[np.argmax(moved, axis=1)])
             waiting = _settled(problem, ranges, waiting, bool(self.singular[0]))
         return np.asarray(waiting.cell)
+
+
+@provable
+@dataclass(frozen=True, eq=False)
+class Unreachable(ProvableClaim):
+    """Over some leaves no closed configuration is, by the triangle inequality or by Theorem E with weights λ.
+
+    Attributes:
+        lower, upper, wrapped, cut, child: The region and the tree of its cells, as for `covers.RegionCover`.
+        cell: The leaves, of shape (K,).
+        weights: λ of the legs of the platform (`emptiness.platform_of`), of shape (K, legs); without any: (K, 0).
+
+    Found: `empty` (T,), the leaves of which this is proved.
+    """
+
+    lower: Array
+    upper: Array
+    wrapped: Mask
+    cut: Indices
+    child: Indices
+    cell: Indices
+    weights: Array
+    theorem = "platform"
+    forms = MappingProxyType(
+        {
+            **{name: Excluded.forms[name] for name in ("lower", "upper", "wrapped", "cut", "child")},
+            "cell": Form("K", "i", 0),
+            "weights": Form("Kl"),
+        }
+    )
+
+    def examined(self, *premises: Fact) -> Examined:
+        """Both theorems, for all leaves."""
+        require(not premises, "what is out of reach rests on nothing else")
+        system, region = self.equations.system, CellRegion(self.lower, self.upper, self.wrapped)
+        require_region(self.equations, region)
+        tree = tree_of(self.cut, self.child, len(self.lower))
+        require((self.cell < len(self.child)) & (self.child[self.cell % len(self.child)] < 0), "no leaves")
+        groups, platform = groups_of(system), platform_of(system)
+        empty = np.zeros(len(self.child), dtype=np.bool_)
+        for first in range(0, len(self.cell), _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            cells, weights = self.cell[part], self.weights[part]
+            centre = region.position(tree.lower[cells] + 0.5 * tree.size[cells])[0]
+            half = 0.5 * (self.upper - self.lower) * (tree.size[cells] / WHOLE)
+            proved = empty_cells(system, groups, centre, half)
+            if platform is not None and weights.shape[1] == len(platform.lengths):
+                with np.errstate(all="ignore"):
+                    proved |= empty_by(platform, ends_over(system, platform, centre, half), weights)[0]
+            empty[cells[proved]] = True
+        return Examined(np.ones(1, dtype=np.bool_), {"empty": empty & tree.reached})
 
 
 def ranges_over_region(equations: Closures, region: tuple[Array, Array], limits: Array, middle: Array) -> Ranges:

@@ -50,7 +50,7 @@ def proved_empty(monkeypatch, tree, low, high, depth, chain=True, platform=None,
     monkeypatch.setattr(module, "groups_of", lambda system: ["chains"] if chain else [])
     monkeypatch.setattr(module, "platform_of", lambda system: platform)
     monkeypatch.setattr(module, "empty_cells", lambda system, groups, c, h: within((low, high), c, h) & chain)
-    monkeypatch.setattr(module, "platform_empty", lambda system, platform, c, h: within(platform, c, h))
+    monkeypatch.setattr(module, "platform_empty", lambda system, platform, c, h: (within(platform, c, h), None))
     monkeypatch.setattr(module, "_CHUNK", chunk)
     checks = []
     runner = SimpleNamespace(problem=PROBLEM, check=lambda: checks.append(1))

@@ -13,28 +13,29 @@ _TURNS = 8
 _CHUNK = 20_000
 
 
-def platform_empty(system: ClosureSystem, platform: Platform, centre: Array, half: Array) -> Mask:
-    """Which boxes of q-space, centres and half widths (B, n), are proved to hold no closed configuration.
+def platform_empty(system: ClosureSystem, platform: Platform, centre: Array, half: Array) -> tuple[Mask, Array]:
+    """Which boxes of q-space (B, n) are proved to hold no closed configuration, and by which weights, (B, K).
 
     The theorem's gap between its sides is min over R of g(λ, R), concave in λ and linear in R. λ is sought as the best
     answer to the mean of the turns R that were the best answers to the λ before.
     """
     if len(centre) > _CHUNK:
         parts = [slice(k, k + _CHUNK) for k in range(0, len(centre), _CHUNK)]
-        return np.concatenate([platform_empty(system, platform, centre[part], half[part]) for part in parts])
+        found = [platform_empty(system, platform, centre[part], half[part]) for part in parts]
+        return np.concatenate([empty for empty, _ in found]), np.concatenate([weights for _, weights in found])
     ends = ends_over(system, platform, centre, half)
     count, _, size = ends.places.shape
-    empty, rows = np.zeros(count, dtype=np.bool_), np.arange(count)
+    empty, rows, by = np.zeros(count, dtype=np.bool_), np.arange(count), np.zeros(ends.places.shape[:2])
     turned = np.broadcast_to(np.eye(size), (count, size, size))
     for turn in range(1, _TURNS + 1):
         here = rows_of(ends, rows)
         weights = _weights(here.places, platform.places, turned, platform.lengths, _RIDGES[turn % 2])
         found, best = empty_by(platform, here, weights)
-        empty[rows[found]] = True
+        empty[rows[found]], by[rows[found]] = True, weights[found]
         rows, turned = rows[~found], (turned + (best - turned) / (turn + 1))[~found]
         if not rows.size:
             break
-    return empty
+    return empty, by
 
 
 def _weights(a: Array, b: Array, turned: Array, lengths: Array, ridge: float) -> Array:

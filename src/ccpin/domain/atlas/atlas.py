@@ -32,6 +32,7 @@ from ccpin.covering.proposals.solving import newton
 from ccpin.covering.region import Region
 from ccpin.displays import boxes, table
 from ccpin.domain.atlas.cover_claims import ProvedCover, proved_cover, seams_of
+from ccpin.domain.atlas.emptying import empty_facts
 from ccpin.domain.atlas.refuting import refutation_of
 from ccpin.domain.closures.packing import fingerprint_of, same_closures
 from ccpin.domain.closures.system import Reading
@@ -357,6 +358,10 @@ class Atlas:
             proved = proved_cover(self.problem, self.region, self.tree, self.seed, self.solutions, self.glue())
         except NotProvedError as error:
             raise InvalidInputError(f"{error}: the file was altered") from error
+        said = self.empty_fraction
+        proved = proved._replace(empty=empty_facts(self.reading, self.region, self.tree))
+        if self.empty_fraction != said:
+            raise InvalidInputError("a cell that is called empty is not proved to be: the file was altered")
         return replace(self, proved=proved)
 
     def _points(self, q: ArrayLike) -> Array:

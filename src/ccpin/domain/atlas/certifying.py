@@ -18,7 +18,7 @@ from ccpin.covering.runner import Progress, Runner, Work, reporter
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cover import BUDGET, AtlasBuilder, SquareNorm
 from ccpin.domain.atlas.cover_claims import proved_cover, seams_of
-from ccpin.domain.atlas.emptying import prove_empty, search_empty
+from ccpin.domain.atlas.emptying import empty_facts, prove_empty, search_empty
 from ccpin.domain.closures.searchable import region_of
 from ccpin.domain.closures.seeds import seed_at_coordinates
 from ccpin.domain.closures.system import Reading
@@ -192,6 +192,7 @@ def certify_region(
         seams = seams_of(problem, region, builder.tree, builder.boxes)
         glue = proved_glue(problem, seams, (solutions,))
         proved = proved_cover(problem, region, builder.tree, seed, (solutions,), glue)
+        proved = proved._replace(empty=empty_facts(reading, region, builder.tree))
     return Atlas(
         names=names,
         q0=builder.q0,

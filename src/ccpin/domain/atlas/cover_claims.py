@@ -8,7 +8,7 @@ import numpy as np
 
 from ccpin.arrays import Array, rows_of
 from ccpin.covering.cells import CellStatus, CellTree
-from ccpin.covering.claims import Seams, proved_points
+from ccpin.covering.claims import Seams, cells_of, proved_points
 from ccpin.covering.faces import CellFaces, contacts_of
 from ccpin.covering.region import Region
 from ccpin.proof.covers import RegionCover
@@ -20,10 +20,11 @@ from ccpin.proof.solutions import Met, boxes_of
 
 
 class ProvedCover(NamedTuple):
-    """The fact about a region, and of a workspace that its boxes meet what was asked (`Demanded`)."""
+    """The facts about a region, about what a workspace was asked for (`Demanded`), and about empty cells."""
 
     cover: Fact
     demanded: Fact | None
+    empty: tuple[Fact, ...] = ()
 
 
 def proved_cover(
@@ -36,11 +37,7 @@ def proved_cover(
     start, met = _started(problem, region, tree, seed, boxes_of(solutions), solutions)
     claim = RegionCover(
         equations,
-        lower=region.lower,
-        upper=region.upper,
-        wrapped=region.wrapped,
-        cut=np.asarray(tree.cut, dtype=np.int64),
-        child=np.asarray(tree.child, dtype=np.int64),
+        **cells_of(region, tree),
         box=np.where(tree.status == CellStatus.CERTIFIED, tree.box, -1).astype(np.int64),
         start=np.array([start], dtype=np.int64),
     )

@@ -6,6 +6,7 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, rows_of
 from ccpin.covering.cells import CellStatus, CellTree, place
+from ccpin.covering.claims import cells_of
 from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.covering.proposals.platforms import platform_empty
 from ccpin.covering.proposals.solving import newton
@@ -16,8 +17,11 @@ from ccpin.domain.closures.searchable import MOST_DEPENDENT, all_values
 from ccpin.domain.closures.system import Reading
 from ccpin.proof.candidates import handed_down, over_all
 from ccpin.proof.cell_tree import LEVELS
+from ccpin.proof.chains import ClosureSystem
 from ccpin.proof.emptiness import empty_cells, groups_of, platform_of
-from ccpin.proof.equations import Problem
+from ccpin.proof.equations import Problem, closures_of
+from ccpin.proof.exhausted import Excluded, Unreachable
+from ccpin.proof.facts import Fact, prove
 from ccpin.proof.narrowing import Candidates
 
 _CHUNK = 20_000
@@ -50,7 +54,7 @@ def prove_empty(runner: Runner, tree: CellTree, region: Region, depth: int, thor
             empty[part] = empty_cells(system, groups, centre, half)
             if platform is not None:
                 rows = np.flatnonzero(~empty[part])
-                empty[first + rows] = platform_empty(system, platform, centre[rows], half[rows])
+                empty[first + rows] = platform_empty(system, platform, centre[rows], half[rows])[0]
         tree.status[cells[empty]] = CellStatus.EMPTY
         left = cells[tree.status[cells] == CellStatus.UNREACHED]
         left = left[np.max(tree.size[left], axis=1, where=~region.held, initial=0) > smallest]
@@ -89,6 +93,41 @@ def search_empty(runner: Runner, reading: Reading, tree: CellTree, region: Regio
         searched = np.concatenate([tree.child[cells], tree.child[cells] + 1])
         searched = searched[_open(tree)[searched]]
         waiting = rows_of(waiting, np.isin(waiting.cell, searched))
+
+
+def empty_facts(reading: Reading, region: Region, tree: CellTree) -> tuple[Fact, ...]:
+    """The facts about cells that are called empty; those of which it is not proved are undecided from then on."""
+    equations, cells = closures_of(reading.problem), tree.leaves(CellStatus.EMPTY)
+    if not cells.size:
+        return ()
+    weights = _weights(reading.problem.system, *place(tree, region, cells))
+    facts = [prove(Unreachable(equations, **cells_of(region, tree), cell=cells.astype(np.int64), weights=weights))]
+    left = cells[~facts[0].found["empty"][cells]]
+    ranges = all_values(reading, region.lower, region.upper) if left.size else None
+    if ranges is not None:
+        claim = Excluded(
+            equations,
+            **cells_of(region, tree),
+            kept=~np.isin(np.arange(len(tree.child)), left),
+            limits=ranges.limits,
+            middle=0.5 * (ranges.lower + ranges.upper),
+            singular=np.zeros(1, dtype=np.bool_),
+        )
+        facts.append(prove(claim))
+        left = left[~facts[1].found["empty"][left]]
+    tree.status[left] = CellStatus.UNDECIDED
+    return tuple(facts)
+
+
+def _weights(system: ClosureSystem, centre: Array, half: Array) -> Array:
+    """Weights by which Theorem E may prove boxes (B, n) empty of which the triangle inequality says nothing."""
+    platform = platform_of(system)
+    if platform is None:
+        return np.zeros((len(centre), 0))
+    rows = np.flatnonzero(~empty_cells(system, groups_of(system), centre, half))
+    weights = np.zeros((len(centre), len(platform.lengths)))
+    weights[rows] = platform_empty(system, platform, centre[rows], half[rows])[1]
+    return weights
 
 
 def _share(tree: CellTree) -> float:

@@ -21,6 +21,7 @@ from ccpin.covering.merging import grafted, whole_region
 from ccpin.covering.region import Corners, Region, corners_of
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cover_claims import proved_cover, seams_of
+from ccpin.domain.atlas.emptying import empty_facts
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.closures.packing import same_reading
 from ccpin.errors import InvalidInputError
@@ -68,6 +69,7 @@ def merge_atlases(parts: list[Atlas]) -> Atlas:
     glue += proved_glue(parts[0].problem, seams, solutions)
     proved = proved_cover(parts[0].problem, region, tree, parts[0].seed, solutions, tuple(glue))
     _refuse_strangers(owner, proved.cover.found["reached"])
+    proved = proved._replace(empty=empty_facts(parts[0].reading, region, tree))
     merged = replace(
         parts[0],
         solutions=solutions,

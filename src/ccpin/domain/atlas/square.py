@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from ccpin.arrays import Array, apply, positive
+from ccpin.covering.claims import proved_boxes
 from ccpin.covering.proposals.krawczyk import Tried, certify_boxes
 from ccpin.domain.closures.seeds import seed_at_configuration
 from ccpin.errors import ConvergenceError
@@ -70,7 +71,10 @@ def largest_square(problem: Problem, theta: Array) -> float:
 def _squares(problem: Problem, theta: Array, widths: Array) -> Tried:
     n = problem.system.n
     centre = np.tile(theta, (len(widths), 1))
-    return certify_boxes(problem, centre, np.repeat(widths[:, None], n, axis=1), np.eye(n))
+    tried = certify_boxes(problem, centre, np.repeat(widths[:, None], n, axis=1), np.eye(n))
+    rows, proved = np.flatnonzero(tried.proved), np.zeros(len(widths), dtype=np.bool_)
+    proved[rows] = proved_boxes(problem, tried.boxes.take(rows))[1]
+    return Tried(tried.boxes, proved)
 
 
 def newton_steps(

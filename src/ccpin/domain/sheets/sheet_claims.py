@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import Array, Indices, Mask, joined, rows_of
 from ccpin.covering.cells import CellStatus, CellTree, place
-from ccpin.covering.claims import Seams, proved_boxes, proved_glue
+from ccpin.covering.claims import Seams, cells_of, proved_boxes, proved_glue
 from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.covering.region import Region
 from ccpin.covering.runner import Arrays, Runner
@@ -98,11 +98,7 @@ def excluded_over(problem: Problem, region: Region, ranges: Ranges, tree: CellTr
     """
     claim = Excluded(
         closures_of(problem),
-        lower=region.lower,
-        upper=region.upper,
-        wrapped=region.wrapped,
-        cut=np.asarray(tree.cut, dtype=np.int64),
-        child=np.asarray(tree.child, dtype=np.int64),
+        **cells_of(region, tree),
         kept=kept,
         limits=ranges.limits,
         middle=0.5 * ranges.lower + 0.5 * ranges.upper,
