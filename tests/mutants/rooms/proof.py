@@ -5,6 +5,7 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _EVERY = "proof/test_sharp_every.py"
+_ROOT = "no part is the region: its cell would have two parents"
 _CHAINS = ("proof/test_sharp_chains.py",)
 _BOUNDS = ("proof/test_sharp_bounds.py", _EVERY)
 ROOMS: tuple[Room, ...] = (
@@ -33,6 +34,7 @@ ROOMS: tuple[Room, ...] = (
             "_exact",
             "_placed",
             "_agree",
+            "_ball",
             "_inside",
         ),
         ("proof/test_sharp_solutions.py",),
@@ -55,7 +57,7 @@ ROOMS: tuple[Room, ...] = (
         ),
         ("proof/test_sharp_regions.py",),
         (
-            ("tree.reached & (self.child < 0)", "0 let in", "no part is the region: its cell would have two parents"),
+            ("tree.reached & (self.child < 0)", "0 let in", _ROOT),
             (
                 'not len(found["unglued"]) and len(found["seed"])',
                 "not asked: len(found['seed'])",
@@ -69,6 +71,18 @@ ROOMS: tuple[Room, ...] = (
         "proof/candidates",
         ("BEYOND", "over_all", "narrowed_both", "beyond", "_extent", "halved", "handed_down"),
         ("proof/test_sharp_waiting.py",),
+    ),
+    Room(
+        "proof/exhausted",
+        ("Excluded.examined", "Unreachable.examined", "ranges_over_region", "over_cells", "_asked"),
+        ("proof/test_sharp_exhausted.py",),
+        (
+            ("leaves = self.child[waiting.cell] < 0", "0 let in", _ROOT),
+            ("empty = tree.reached & (self.child < 0)", "0 let in", _ROOT),
+            ("np.flatnonzero(reached & (child >= 0))", "0 left out", _ROOT),
+            ("np.flatnonzero(reached & (child < 0) & ~kept)", "0 let in", _ROOT),
+            ("cells = above[(above >= 0)", "not asked: ~asked", "cells above are gone through once more"),
+        ),
     ),
     Room("proof/covers", ("one_function",), ("proof/test_sharp_covers.py",)),
     Room(
@@ -337,9 +351,9 @@ ROOMS: tuple[Room, ...] = (
         ("tree_of", "LeafFaces.turns", "faces_of", "_parted"),
         ("proof/test_sharp_covers.py",),
         (
-            ("ended = (child[pairs.upper] < 0)", "0 let in", "no part is the region: its cell would have two parents"),
-            ("tree.reached & (child >= 0)", "0 left out", "no part is the region: its cell would have two parents"),
-            ("first = child[pairs.upper] >= 0", "0 left out", "no part is the region: its cell would have two parents"),
+            ("ended = (child[pairs.upper] < 0)", "0 let in", _ROOT),
+            ("tree.reached & (child >= 0)", "0 left out", _ROOT),
+            ("first = child[pairs.upper] >= 0", "0 left out", _ROOT),
         ),
     ),
     Room(
