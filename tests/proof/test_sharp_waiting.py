@@ -41,7 +41,7 @@ def test_a_search_begins_with_all_of_the_ranges():
         found = over_all(problem_of(PLANE), ranges, np.array([lower]), np.array([upper]))
         np.testing.assert_allclose(found.centre, [[0.5, 1.0, 2.25]], rtol=1e-15)
         more = 1e-12 * np.array([4.0, 3.5])
-        assert found.half[0, 0] == pytest.approx(wide, rel=1e-15)
+        assert found.half[0, 0] == pytest.approx(wide, rel=1e-15, abs=0.0)
         np.testing.assert_allclose(found.half[0, 1:] - [2.0, 0.25], more, rtol=1e-3)
         assert (found.cell.tolist(), found.slopes.any()) == ([0], False)
 
