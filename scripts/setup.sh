@@ -7,6 +7,8 @@ PYTHON="${PYTHON:-python3}"
     echo "ccpin needs Python 3.10 or newer; set PYTHON to one" >&2
     exit 1
 }
+unset PYTHONDONTWRITEBYTECODE  # hundreds of processes are started: what one has compiled serves all
+export PYTHONPYCACHEPREFIX="$PWD/.venv/pycache"
 [ -x .venv/bin/python ] || "$PYTHON" -m venv .venv
 stamp=".venv/.installed-${EXTRAS:-plain}"
 if [ ! -e "$stamp" ] || [ -n "$(find pyproject.toml native -newer "$stamp")" ]; then

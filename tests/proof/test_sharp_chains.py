@@ -133,13 +133,18 @@ def oracle(system, theta):
 RNG = np.random.default_rng(12)
 SPACE, FLAT = system_of(RNG), system_of(RNG, planar=True)
 THETA = RNG.normal(size=6)
-KNOWN = {id(system): oracle(system, THETA) for system in (SPACE, FLAT)}
+
+
+@pytest.fixture(scope="module")
+def known():
+    """What the oracle says of each."""
+    return {id(system): oracle(system, THETA) for system in (SPACE, FLAT)}
 
 
 @pytest.mark.parametrize("system", [SPACE, FLAT], ids=["in space", "in the plane"])
-def test_values_and_derivatives_are_those_of_products_of_matrices(system):
+def test_values_and_derivatives_are_those_of_products_of_matrices(system, known):
     """As the chains are swept, from the tips, and as phasors where there are any; many at once as one."""
-    value, slope, second, arms = KNOWN[id(system)]
+    value, slope, second, arms = known[id(system)]
     theta, close = np.array([THETA, 0.0 * THETA, THETA]), {"rtol": 1e-12, "atol": 1e-13}
     for planar in (False, True):
         equations = Closures(system, planar)

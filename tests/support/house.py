@@ -11,7 +11,7 @@ from matplotlib.patches import FancyArrowPatch
 
 from ccpin.plotting import save
 from ccpin.plotting.style import COLOURS, drawing
-from tests.support.imports import GRAPH, MODULES, room
+from tests.support.imports import MODULES, graph, room
 
 FOUNDATIONS = "foundations"
 BASE = {"errors", "arrays", "files", "containers", "schemas", "displays", "work"}
@@ -52,7 +52,7 @@ PLACES = {
 
 def imports():
     """Which room imports which, in pairs; the smallest rooms are one."""
-    pairs = {(_placed(room(module)), _placed(room(name))) for module in MODULES for name in GRAPH[module]}
+    pairs = {(_placed(room(module)), _placed(room(name))) for module in MODULES for name in graph()[module]}
     return {(above, below) for above, below in pairs if above != below and {above, below} <= {*PLACES}}
 
 

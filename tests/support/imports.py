@@ -1,6 +1,7 @@
 """Who imports whom in the package: every module, every import statement that runs."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import ccpin
@@ -78,4 +79,7 @@ def imported(module):
     return names
 
 
-GRAPH = {module: {name for name in imported(module) if name in MODULES} for module in MODULES}
+@cache
+def graph():
+    """Which modules of the package each module imports."""
+    return {module: {name for name in imported(module) if name in MODULES} for module in MODULES}

@@ -29,7 +29,7 @@ _AT_ONCE = 20_000  # cells: bounds memory
 ROUNDS = 60
 """How often candidates over a cell are narrowed and halved before the cell is."""
 _MOST = 50_000_000  # candidates: a forged tree costs time, not for ever
-_DEEPER = 3  # halvings of each edge of a cell that the claim does not keep and the search needed not
+_DEEPER = 1  # halvings of each edge of a cell that the claim does not keep and the search needed not
 
 
 @provable

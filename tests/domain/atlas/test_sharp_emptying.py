@@ -235,3 +235,44 @@ def test_all_unreached_leaves_of_a_cell_are_marked():
     assert told(tree) == [*4 * [CERTIFIED], EMPTY, EMPTY, UNDECIDED, EMPTY, *8 * [UNREACHED]]
     module._mark(tree, np.zeros(1, dtype=int))
     assert told(tree)[8:] == 8 * [EMPTY]
+
+
+# What is proved of them.
+
+
+@pytest.mark.parametrize(("by_legs", "by_search"), [((0, 1, 2, 3), ()), ((1,), (0, 3)), ((), (2,)), ((), None)])
+def test_what_is_not_proved_to_be_empty_is_undecided(monkeypatch, by_legs, by_search):
+    """By closed forms first, what they leave by a search of all values where there is one; the rest is undecided."""
+    tree = tree_of((4, EMPTY), (4, CERTIFIED), (4, EMPTY), (2, EMPTY), (2, EMPTY))
+    cells, claims = tree.leaves(EMPTY), []
+
+    def prove(claim):
+        claims.append(claim)
+        mask = np.zeros(len(tree.child), dtype=bool)
+        mask[cells[list(by_legs if len(claims) == 1 else by_search)]] = True
+        return SimpleNamespace(found={"empty": mask})
+
+    ranges = SimpleNamespace(lower=np.array([-1.0]), upper=np.array([4.0]), limits="limits")
+    monkeypatch.setattr(module, "all_values", lambda *_: None if by_search is None else ranges)
+    monkeypatch.setattr(module, "closures_of", lambda problem: problem)
+    monkeypatch.setattr(module, "_weights", lambda system, centre, half: np.column_stack([centre, half]))
+    monkeypatch.setattr(module, "Unreachable", lambda equations, **data: data)
+    monkeypatch.setattr(module, "Excluded", lambda equations, **data: data)
+    monkeypatch.setattr(module, "prove", prove)
+    facts = module.empty_facts(SimpleNamespace(problem=PROBLEM), LINE, tree)
+    proved = {*by_legs, *(by_search or ())}
+    assert [tree.status[cell] == EMPTY for cell in cells] == [k in proved for k in range(4)]
+    assert set(tree.status[cells]) <= {EMPTY, UNDECIDED}
+    np.testing.assert_array_equal(claims[0]["cell"], cells)
+    np.testing.assert_array_equal(claims[0]["weights"], np.column_stack(place(tree, LINE, cells)))
+    assert len(facts) == len(claims) == 1 + (len(by_legs) < 4 and by_search is not None)
+    if len(claims) > 1:
+        left = [cell for k, cell in enumerate(cells) if k not in by_legs]
+        assert np.flatnonzero(~claims[1]["kept"]).tolist() == left
+        assert (claims[1]["limits"], claims[1]["middle"].tolist(), claims[1]["singular"].tolist()) == (
+            "limits", [1.5], [False],
+        )  # fmt: skip
+
+
+def test_without_empty_cells_nothing_is_to_be_proved():
+    assert module.empty_facts(SimpleNamespace(problem=PROBLEM), LINE, tree_of((16, UNDECIDED))) == ()

@@ -310,3 +310,20 @@ def test_a_square_that_is_proved_beyond_one_that_is_not_counts(monkeypatch):
     )
     found = square.largest_square(None, None)
     assert 0.6 < found <= 0.7
+
+
+def test_squares_are_those_that_the_kernel_proves(monkeypatch):
+    """Of those that were found one by one, in their order; each is about θ, with its own half width each way."""
+    asked = []
+
+    def certify(problem, centre, half, across):
+        asked.append((centre.tolist(), half.tolist(), across.tolist()))
+        return square.Tried(np.array([10, 11, 12, 13, 14]), np.array([True, False, True, True, False]))
+
+    monkeypatch.setattr(square, "certify_boxes", certify)
+    monkeypatch.setattr(square, "proved_boxes", lambda problem, boxes: (None, boxes != 12))
+    problem = SimpleNamespace(system=SimpleNamespace(n=2))
+    widths = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
+    found = square._squares(problem, np.array([1.0, 2.0, 3.0]), widths)
+    assert found.proved.tolist() == [True, False, False, True, False]
+    assert asked == [(5 * [[1.0, 2.0, 3.0]], [[w, w] for w in widths.tolist()], [[1.0, 0.0], [0.0, 1.0]])]

@@ -14,8 +14,7 @@ from ccpin.domain import Atlas, SheetAtlas, SingularCover, certify, certify_shee
 from ccpin.domain.documents import store
 from ccpin.domain.documents.checked import checked_boxes, checked_cells, checked_closures, checked_region
 from ccpin.errors import InvalidInputError
-from ccpin.proof.cell_tree import WHOLE
-from ccpin.proof.covers import halved
+from ccpin.proof.cell_tree import WHOLE, tree_of
 
 TURN = 2.0 * np.pi
 
@@ -201,7 +200,7 @@ def test_cells_come_behind_the_cells_they_are_in():
     with pytest.raises(InvalidInputError, match="no tree"):
         checked_cells(moved)
     cut, child = np.zeros(7, dtype=np.int64), np.array([1, 5, -1, -1, -1, 3, -1])
-    tree = halved(cut, child, 2)
+    tree = tree_of(cut, child, 2)
     status = np.where(child >= 0, CellStatus.SPLIT, 0)
     with pytest.raises(InvalidInputError, match="no tree"):
         checked_cells(

@@ -68,6 +68,12 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
+        "proof/exhausted",
+        ("Unreachable.examined",),
+        ("proof/test_sharp_unreachable.py",),
+        (("require((self.cell < len(self.child))", "0 let in", "no half is the region"),),
+    ),
+    Room(
         "proof/candidates",
         ("BEYOND", "over_all", "narrowed_both", "beyond", "_extent", "halved", "handed_down"),
         ("proof/test_sharp_waiting.py",),
@@ -434,6 +440,7 @@ ROOMS: tuple[Room, ...] = (
 )
 
 EXCUSED: tuple[Excused, ...] = (
+    Excused("proof/exhausted", ("_AT_ONCE",), "sizes of work"),
     Excused(
         "proof/candidates",
         ("_RATIO", "_CURVED", "_FLOOR", "_LEAST", "to_halve", "steepness", "rows_to_halve_for"),

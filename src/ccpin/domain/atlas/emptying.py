@@ -97,9 +97,10 @@ def search_empty(runner: Runner, reading: Reading, tree: CellTree, region: Regio
 
 def empty_facts(reading: Reading, region: Region, tree: CellTree) -> tuple[Fact, ...]:
     """The facts about cells that are called empty; those of which it is not proved are undecided from then on."""
-    equations, cells = closures_of(reading.problem), tree.leaves(CellStatus.EMPTY)
+    cells = tree.leaves(CellStatus.EMPTY)
     if not cells.size:
         return ()
+    equations = closures_of(reading.problem)
     weights = _weights(reading.problem.system, *place(tree, region, cells))
     facts = [prove(Unreachable(equations, **cells_of(region, tree), cell=cells.astype(np.int64), weights=weights))]
     left = cells[~facts[0].found["empty"][cells]]
