@@ -3,7 +3,6 @@
 from dataclasses import replace
 from fractions import Fraction
 from itertools import product
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from ccpin.arrays import rows_of
 from ccpin.proof import exhausted as module
 from ccpin.proof.cell_tree import WHOLE, CellRegion, HalvedTree, tree_of
 from ccpin.proof.equations import Closures
-from ccpin.proof.exhausted import Excluded, Unreachable, over_cells, ranges_over_region
+from ccpin.proof.exhausted import Excluded, over_cells, ranges_over_region
 from ccpin.proof.facts import NotProvedError, prove
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import NO_LIMIT
@@ -337,75 +336,3 @@ def test_a_band_is_wider_by_roundings_only():
     assert found.half[0, 1] - 1.0 == pytest.approx(1e-12 + 1e-14 + 4 * U * 5.0, rel=1e-3)
     assert found.half[0, 3] == 0.0
     assert (found.slopes is slopes, found.cell.tolist()) == (True, [0])
-
-
-# Closed forms
-
-
-def unreachable(monkeypatch, empty, by_weights=None, weights=None, legs=3, **others):
-    """What is asked of the two theorems, and what is found where they say so."""
-    asked = []
-
-    def empty_cells(system, groups, centre, half):
-        asked.append((centre[:, 0].tolist(), half[:, 0].tolist()))
-        return np.isin(centre[:, 0], empty)
-
-    monkeypatch.setattr(module, "empty_cells", empty_cells)
-    platform = None if by_weights is None else SimpleNamespace(lengths=np.ones(legs))
-    monkeypatch.setattr(module, "platform_of", lambda system: platform)
-    monkeypatch.setattr(module, "ends_over", lambda system, platform, centre, half: (centre, half))
-    monkeypatch.setattr(module, "empty_by", lambda platform, ends, weights: (by_weights(*ends, weights), None))
-    cell = whole_numbers(*others.pop("cell", (3, 4, 5, 6)))
-    given = {"cut": (0,) * 7, "child": (1, 3, 5, -1, -1, -1, -1)} | others
-    claim = Unreachable(
-        LINE, np.array([10.0]), np.array([14.0]), np.zeros(1, dtype=bool),
-        *(whole_numbers(*given[name]) for name in ("cut", "child")),
-        cell, np.zeros((len(cell), 0)) if weights is None else weights,
-    )  # fmt: skip
-    return asked, np.flatnonzero(prove(claim).found["empty"]).tolist()
-
-
-def test_cells_out_of_reach_are_asked_as_they_are(monkeypatch):
-    """By their middles and half widths, so many at a time."""
-    monkeypatch.setattr(module, "_AT_ONCE", 3)
-    asked, found = unreachable(monkeypatch, [10.5, 13.5])
-    assert asked == [([10.5, 11.5, 12.5], [0.5] * 3), ([13.5], [0.5])]
-    assert found == [3, 6]
-    assert unreachable(monkeypatch, [12.5], cell=(5, 3)) == ([([12.5, 10.5], [0.5, 0.5])], [5])
-
-
-def test_weights_are_those_of_the_legs(monkeypatch):
-    """Of cells that the triangle inequality does not tell; without a platform, or with other legs' weights, nothing."""
-    monkeypatch.setattr(module, "_AT_ONCE", 3)
-    weights = np.arange(12.0).reshape(4, 3)
-
-    def by_weights(centre, half, told):
-        assert half[:, 0].tolist() == [0.5] * len(told)
-        return (told[:, 0] == 3.0) & (centre[:, 0] == 11.5) | (told[:, 0] == 9.0)
-
-    assert unreachable(monkeypatch, [10.5], by_weights, weights)[1] == [3, 4, 6]
-    assert unreachable(monkeypatch, [10.5], None, weights)[1] == [3]
-    assert unreachable(monkeypatch, [10.5], by_weights, weights, legs=4)[1] == [3]
-
-
-def test_what_is_no_leaf_is_not_out_of_reach(monkeypatch):
-    for cell in ((7,), (8,), (13,), (10,), (0,), (2,), (3, 1)):
-        with pytest.raises(NotProvedError):
-            unreachable(monkeypatch, [], cell=cell)
-    spare = {"cut": (0,) * 9, "child": (1, 3, 5, -1, -1, -1, -1, 0, -1)}
-    with pytest.raises(NotProvedError):
-        unreachable(monkeypatch, [10.0], cell=(7,), **spare)
-    assert unreachable(monkeypatch, [10.0, 10.5], cell=(8, 3), **spare)[1] == [3]
-    with pytest.raises(NotProvedError):
-        unreachable(monkeypatch, [], child=(1, 1, -1, -1, -1, -1, -1))
-    premise = prove(excluded())
-    with pytest.raises(NotProvedError):
-        prove(Unreachable(
-            LINE, np.zeros(1), np.ones(1), np.zeros(1, dtype=bool), whole_numbers(0), whole_numbers(-1),
-            whole_numbers(0), np.zeros((1, 0)),
-        ), premise)  # fmt: skip
-    with pytest.raises(NotProvedError):
-        prove(Unreachable(
-            LINE, np.ones(1), np.zeros(1), np.zeros(1, dtype=bool), whole_numbers(0), whole_numbers(-1),
-            whole_numbers(0), np.zeros((1, 0)),
-        ))  # fmt: skip

@@ -80,7 +80,7 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "proof/exhausted",
-        ("Excluded.examined", "Unreachable.examined", "ranges_over_region", "over_cells", "_asked"),
+        ("Excluded.examined", "ranges_over_region", "over_cells", "_asked"),
         ("proof/test_sharp_exhausted.py",),
         (
             ("leaves = self.child[waiting.cell] < 0", "0 let in", _ROOT),
