@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ccpin.arrays import joined, rows_of
+from ccpin.proof import exhausted
 from ccpin.proof import solution_counts as module
 from ccpin.proof.cell_tree import WHOLE, CellRegion, HalvedTree, tree_of
 from ccpin.proof.exhausted import Excluded
@@ -265,6 +266,12 @@ def test_candidates_over_a_q_are_halved_while_that_is_due(monkeypatch):
 EIGHTHS = {"cut": (0,) * 9, "child": (1, 3, 5, -1, 7, -1, -1, -1, -1)}  # of [0, 1]: ¼, ⅛, ⅛, ¼, ¼ are 3, 7, 8, 5, 6
 
 
+@pytest.fixture(autouse=True)
+def _wide_cells(monkeypatch):
+    """Cells here are few and wide, so that they are to be halved more often before they are given up."""
+    monkeypatch.setattr(exhausted, "_DEEPER", 4)
+
+
 def excluded(equations=CIRCLE, lower=(0.0,), upper=(1.0,), cut=(0, 0, 0), child=(1, -1, -1), kept=(), **others):
     """The fact: by default about the halves of [0, 1], over none of which sin(q + y) = 0 is singular."""
     n, m = equations.system.n, equations.system.m
@@ -450,6 +457,15 @@ def test_parts_hang_together_by_faces_and_over_seams():
         assert parts(True, gap, kept=(4,)) == [3, -1, *(2 * [3 if joins else 5])]
 
 
+def test_cells_that_touch_at_a_corner_do_not_hang_together():
+    """Two quarters of a square, both beside the two that are kept."""
+    some = SimpleNamespace(lower=np.zeros(2), upper=np.ones(2), wrapped=np.zeros(2, dtype=bool))
+    some.cut, some.child = whole_numbers(0, 1, 1, 0, 0, 0, 0), whole_numbers(1, 3, 5, -1, -1, -1, -1)
+    for ours in ((3, 6), (4, 5)):
+        found = module._parts(tree_of(some.cut, some.child, 2), some, np.isin(np.arange(7), ours))
+        assert (found >= 0).sum() == len(set(found[list(ours)])) == 2
+
+
 def test_a_turn_far_away_is_counted_in_parts():
     """There its two ends may be too far apart, where roundings of a full turn are allowed."""
     for lower, whole in ((-3.0, True), (2e4, False)):
@@ -561,6 +577,7 @@ def test_none_is_complete_without_boxes():
     ((7, -1, -1, -1, -1, -1, -1, -1, -1), (7, 3, -1, -1, -1, -1, -1, 1, 5)),
     ((7, -1, -1, -1, -1, 1, -1, -1, -1), (7, 3, -1, -1, -1, 1, -1, 5, -1)),
     ((1, -1, -1, -1, -1), (1, -1, -1, 1, -1)),
+    ((1, -1, -1), (1, 3, -1, -1, 5, -1, 7, -1, -1)),
 ])  # fmt: skip
 def test_leaves_halved_further_have_the_count_of_their_leaf(coarse, finer):
     """Whatever their numbers are, those of cells that nobody reached before with them."""

@@ -324,10 +324,13 @@ def test_leaves_are_called_no_more_than_is_proved():
     assert sheet_claims.mark(quarters(SINGULAR, UNDECIDED, SINGULAR, UNDECIDED), proved) is False
 
 
-def proved_of(boxes, members, pairs, count):
-    """Facts that say so of boxes over q (K, 1); of pairs (first, second, δ, δ′) in two facts."""
+def proved_of(tree, boxes, members, pairs, count, limits):
+    """Facts that say so of boxes over q (K, 1) in [0, 4]; of pairs (first, second, δ, δ′) in two facts."""
     equations = SimpleNamespace(system=SimpleNamespace(independent=np.array([0])))
-    cells = SimpleNamespace(claim=SimpleNamespace(cell=members[0], box=members[1]), found={"count": count})
+    over = SimpleNamespace(lower=np.zeros(1), upper=np.full(1, 4.0), wrapped=np.zeros(1, bool), limits=limits)
+    counted = SimpleNamespace(premises=[SimpleNamespace(claim=over)])
+    claim = SimpleNamespace(cell=members[0], box=members[1], cut=tree.cut, child=tree.child)
+    cells = SimpleNamespace(claim=claim, premises=[counted], digest="these", found={"count": count})
     solutions = SimpleNamespace(claim=SimpleNamespace(boxes=boxes, equations=equations))
     parts = (pairs[:1], pairs[1:])
     names = "first", "second", "at_first", "at_second"
@@ -343,26 +346,38 @@ def proved_of(boxes, members, pairs, count):
     return sheet_claims.ProvedSheets(cells, solutions, glue)
 
 
-def test_facts_speak_of_sheets_whose_numbers_are_theirs():
-    """Of boxes, over which cells they lie, which are glued, and how many there are; glued at points of q."""
+def test_facts_speak_of_sheets_whose_numbers_are_theirs(monkeypatch):
+    """Of boxes, over which cells of which region they lie, which are glued, within which limits how many there are."""
+    told = {"these": SimpleNamespace(digest="these"), "others": SimpleNamespace(digest="others")}
+    monkeypatch.setattr(sheet_claims, "closures_of", lambda problem: told[problem.phasors])
+    limits = SimpleNamespace(limits=np.array([[-1.0, 1.0]]))
     boxes, members = boxes_at([0.5, 1.5, 2.5], [0.5] * 3), (np.array([3, 4, 5]), np.array([0, 1, 2]))
     count = np.array([-1, -1, -1, 1, 1, 1, 0])
-    proved = proved_of(boxes, members, [(0, 1, 0.5, -0.5), (1, 2, 0.25, -0.125)], count)
+    tree = quarters(*4 * (CERTIFIED,))
+    proved = proved_of(tree, boxes, members, [(0, 1, 0.5, -0.5), (1, 2, 0.25, -0.125)], count, limits.limits)
     assert [part.ravel().tolist() for part in proved.glued] == [[0, 1], [1, 2], [1.0, 1.75], [1.0, 2.375]]
     pairs = [(0, 1, 1.0, 1.0), (1, 2, 1.75, 2.375)]
-    atlas = replace(
-        atlas_of(quarters(*4 * (CERTIFIED,)), boxes, np.array(members).T, pairs, count=count), proved=proved
-    )
-    assert proved.says(atlas, count)
+    told_of = atlas_of(tree, boxes, np.array(members).T, pairs, count=count)
+    problem = told_of.problem._replace(phasors="these")
+    atlas = replace(told_of, ranges=limits, reading=READING(problem), proved=proved)
+    other = CellTree.whole(1)
+    other.split(np.array([0]), np.array([0]))
+    other.split(np.array([2, 1]), np.array([0, 0]))
     for change in (
         {"count": count * 2}, {"boxes": boxes._replace(radius=2.0 * boxes.radius)}, {"boxes": boxes.take(np.arange(2))},
         {"members": Members(members[0][::-1], members[1])}, {"members": Members(members[0], members[1][::-1])},
         {"glued": atlas.glued._replace(first=np.array([0, 0]))},
         {"glued": atlas.glued._replace(second=np.array([1, 1]))},
+        {"region": replace(atlas.region, lower=np.full(1, -0.5))},
+        {"region": replace(atlas.region, upper=np.full(1, 4.5))},
+        {"region": replace(atlas.region, wrapped=np.ones(1, bool))}, {"tree": other},
+        {"ranges": SimpleNamespace(limits=np.array([[-1.0, 2.0]]))},
+        {"reading": READING(problem._replace(phasors="others"))},
     ):  # fmt: skip
         with pytest.raises(InvalidInputError, match="not those that were proved"):
             replace(atlas, **change)
         assert replace(atlas, proved=None, **change).proved is None
+    assert proved.says(atlas, count)
 
 
 def test_sheets_replayed_say_what_is_found(monkeypatch):
@@ -411,7 +426,7 @@ def test_parts_of_other_things_are_refused():
     for changed, told in (
         (replace(other, names=("another",)), "other closures"),
         (replace(other, reading=other.reading.bounded("reach")), "other bounds="),
-        (replace(other, ranges=other.ranges._replace(limits=loose)), "other limits"),
+        (replace(other, ranges=other.ranges._replace(limits=loose), proved=None), "other limits"),
     ):
         with pytest.raises(InvalidInputError, match=told):
             merged.merge_sheets([first, changed])
