@@ -16,8 +16,8 @@ from ccpin.proof.facts import Fact, prove_some
 from ccpin.proof.newton import Boxes, predict
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of
 
-_NEWTON = 12
-_WIDER = 1.05
+_NEWTON = 12  # steps
+_WIDER = 1.05  # R of points: for another order of roundings
 
 
 class Seams(NamedTuple):

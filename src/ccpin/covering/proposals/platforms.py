@@ -8,8 +8,8 @@ from ccpin.arrays import Array, Mask, rows_of
 from ccpin.proof.chains import ClosureSystem
 from ccpin.proof.emptiness import Platform, empty_by, ends_over
 
-_RIDGES = (1e-2, 1e-3)
-_TURNS = 8
+_RIDGES = (1e-2, 1e-3)  # in turn
+_TURNS = 8  # of the platform that are averaged
 _CHUNK = 20_000
 
 

@@ -12,10 +12,10 @@ from ccpin.native.certifier import certifier
 from ccpin.proof.equations import Derivatives, Problem, closure_values, derivatives
 from ccpin.proof.newton import Boxes, encloses, solve_in_boxes, within
 
-_LARGEST_STEP = 1.5
-_SETTLED = 1e-7
+_LARGEST_STEP = 1.5  # rad, m: a longer one has lost its way
+_SETTLED = 1e-7  # rad, m: after it Newton's method has converged
 _LOST = 1e-8  # a step after which Newton's next one is lost in rounding
-_LONGEST = 0.5
+_LONGEST = 0.5  # step in all unknowns together
 P = TypeVar("P")
 
 

@@ -49,7 +49,7 @@ from ccpin.proof.requirements import meets
 from ccpin.proof.solutions import boxes_of
 from ccpin.proof.verdict import Verdict, Witness, of_file
 
-_WITNESSES = 12
+_WITNESSES = 12  # cells from which one is looked for
 _FAILURES = {
     "empty": "no configuration closes the loops",
     "limit": "a joint is beyond its limits",

@@ -16,7 +16,7 @@ from ccpin.errors import SingularConfigurationError
 from ccpin.proof.newton import Boxes, encloses
 from ccpin.proof.verdict import Witness
 
-_TRIED = 8
+_TRIED = 8  # faces
 
 
 def refutation_of(reading: Reading, tree: CellTree, region: Region, boxes: Boxes) -> Witness | None:

@@ -38,9 +38,9 @@ from ccpin.proof.paths import Followed, follows
 from ccpin.proof.solutions import Met, SolutionsInBoxes
 from ccpin.proof.verdict import Verdict, Witness
 
-_AHEAD = np.array([1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4])
-_BACK = (1, 3, 6, 12)
-_SAMPLES = 100
+_AHEAD = np.array([1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4])  # of what is left of the piece
+_BACK = (1, 3, 6, 12)  # strides before the end of a walk
+_SAMPLES = 100  # of what is left of the path
 _STRAIGHT = 1e-13  # the rounding that every chord's deviation is given
 
 

@@ -41,8 +41,8 @@ from ccpin.proof.newton import Boxes, check, encloses, solve_in_boxes
 from ccpin.proof.rounding import SLACK, blur
 from ccpin.proof.verdict import Witness
 
-_JOINS = np.geomspace(1e-3, 1e-11, 9)
-_BEYOND = 0.05
+_JOINS = np.geomspace(1e-3, 1e-11, 9)  # half widths of boxes that join two curves
+_BEYOND = 0.05  # of the way to a fold: how far past it
 _ROOM = 4.0  # times what the singular configuration is uncertain by: how much wider a box's tube may be made
 
 

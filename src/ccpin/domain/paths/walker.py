@@ -16,10 +16,10 @@ from ccpin.proof.chords import chord_of
 from ccpin.proof.equations import Problem, closure_values
 from ccpin.proof.newton import Boxes, encloses, solve_in_boxes
 
-TRIES = np.array([4.0, 2.0, 1.0, 0.5, 0.25])
-SHORTEST = 1e-7
-_NEWTON = 12
-_WIDER = 1.0 + 1e-10
+TRIES = np.array([4.0, 2.0, 1.0, 0.5, 0.25])  # of the last stride
+SHORTEST = 1e-7  # of the path: a stride that ends the walk
+_NEWTON = 12  # steps
+_WIDER = 1.0 + 1e-10  # for rounding
 
 
 class Stretch(NamedTuple):

@@ -27,7 +27,7 @@ from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes
 
 _REACH = 3.0  # cells: folds farther from where they were looked for are other ones
-_STRIDE = 0.02
+_STRIDE = 0.02  # of the way
 
 
 class Fold(NamedTuple):
