@@ -17,8 +17,8 @@ from ccpin.studio.cache import Cache
 from ccpin.studio.dials import Dials
 from ccpin.studio.handles import Handle, handles_of
 from ccpin.studio.recorded_run import LAWS
-from ccpin.visualization.annotations import name_joints
 from ccpin.visualization.camera import plane_normal
+from ccpin.visualization.playing import standing_scene
 from ccpin.visualization.scene import Scene
 from ccpin.visualization.scene_page import CommandRecorder
 
@@ -77,13 +77,7 @@ class Subject:
 
     def scene(self, recorder: CommandRecorder) -> Scene:
         """A scene of its own at the reference, drawn into a recorder."""
-        import meshcat
-
-        scene = Scene(self.mechanism, meshcat.Visualizer(window=recorder))
-        scene.frame_camera(self.mechanism.q_reference[None])
-        name_joints(scene)
-        scene.place(self.mechanism.q_reference)
-        return scene
+        return standing_scene(self.mechanism, recorder)
 
     def told(self, scene: Scene) -> dict[str, Any]:
         """What a page is told once."""
