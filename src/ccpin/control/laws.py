@@ -170,9 +170,7 @@ class TorqueFunction(ControlLaw):
     everywhere = True
 
     def __init__(
-        self,
-        function: Callable[[float, Array, Array], ArrayLike],
-        switching_times: Sequence[float] | None = None,
+        self, function: Callable[[float, Array, Array], ArrayLike], switching_times: Sequence[float] | None = None
     ) -> None:
         self._function = function
         self._times = None if switching_times is None else np.sort(np.asarray(switching_times, dtype=np.float64))
@@ -301,12 +299,7 @@ class SetPointLaw(ModelLaw):
     """
 
     def __init__(
-        self,
-        model: ReducedModel | Mechanism,
-        q_d: ArrayLike | State,
-        K_p: ArrayLike,
-        K_v: ArrayLike,
-        near: Near = None,
+        self, model: ReducedModel | Mechanism, q_d: ArrayLike | State, K_p: ArrayLike, K_v: ArrayLike, near: Near = None
     ) -> None:
         model = model_of(model)
         require_commuting(model.coordinates, type(self).__name__)

@@ -327,12 +327,7 @@ class ReducedModel:
         return None if near is None else self._configuration(near, "near")
 
     def _asked(
-        self,
-        name: str,
-        q: ArrayLike | State,
-        near: Near,
-        *arguments: ArrayLike,
-        wrenches: Wrenches | None = None,
+        self, name: str, q: ArrayLike | State, near: Near, *arguments: ArrayLike, wrenches: Wrenches | None = None
     ) -> Any:
         """The core's answer at σ(q); without q it would answer at `near` itself."""
         if q is None:

@@ -4,7 +4,5 @@ from __future__ import annotations
 
 from ccpin.mechanism.pinocchio.reader import describe_pinocchio
 
-__all__ = [
-    "describe_pinocchio",
-]
+__all__ = ["describe_pinocchio"]
 __dir__ = __all__.copy

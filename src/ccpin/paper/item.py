@@ -91,3 +91,8 @@ class Erratum(NamedTuple):
 def apart(ours: Array, papers: Array) -> float:
     """The largest |ours − papers|."""
     return float(abs(ours - papers).max(initial=0.0))
+
+
+def place(degrees: Array | tuple[float, ...], digits: int = 0) -> str:
+    """A point of the plane of (q1, q2), in words."""
+    return f"({', '.join(f'{angle:.{digits}f}°' for angle in degrees)})".replace("-", "−")

@@ -13,7 +13,7 @@ from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.theorem3 import SetPointCertificate
 from ccpin.covering.region import Corners, corners_of
 from ccpin.errors import CcpinError, UnsupportedMechanismError
-from ccpin.plotting.style import COLOURS, drawing
+from ccpin.plotting.style import COLOURS, coordinate_labels, drawing
 from ccpin.simulation.results.metrics import LyapunovHistory
 
 if TYPE_CHECKING:
@@ -91,9 +91,7 @@ def plot_sublevel(
         for k, point in enumerate(points):
             mark, word = ("s", "in B₂") if certificate.contains(point) else ("D", "outside of B₂")
             axes.plot(*(point * scale), mark, color="0.15", label=f"start {k + 1}: {word}")
-        units = ("m" if value == 1.0 else "°" for value in scale)
-        named = enumerate(zip(mechanism.independent, units, strict=True), start=1)
-        xlabel, ylabel = (f"$q_{k}$ ({name}) [{unit}]" for k, (name, unit) in named)
+        xlabel, ylabel = coordinate_labels(mechanism.independent, ["m" if value == 1.0 else "°" for value in scale])
         axes.set(xlabel=xlabel, ylabel=ylabel)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, frameon=False)
     return figure

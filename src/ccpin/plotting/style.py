@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +35,11 @@ def drawing(title: str, size: tuple[float, float], **style: Any) -> Iterator[Fig
         figure = Figure(figsize=size, layout="constrained")
         figure.suptitle(title)
         yield figure
+
+
+def coordinate_labels(names: Sequence[str], units: Sequence[str]) -> list[str]:
+    """What stands beside the axes of independent coordinates."""
+    return [f"$q_{k}$ ({name}) [{unit}]" for k, (name, unit) in enumerate(zip(names, units, strict=True), start=1)]
 
 
 def save(figure: Figure, path: str | Path) -> None:

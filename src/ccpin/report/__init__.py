@@ -5,8 +5,5 @@ from __future__ import annotations
 from ccpin.report.page import write
 from ccpin.report.settings import ReportSettings
 
-__all__ = [
-    "ReportSettings",
-    "write",
-]
+__all__ = ["ReportSettings", "write"]
 __dir__ = __all__.copy

@@ -9,9 +9,5 @@ from ccpin.validated.flow.enclosure import enclose
 from ccpin.validated.sets.move import certify_move
 from ccpin.validated.sets.set_enclosure import enclose_set
 
-__all__ = [
-    "certify_move",
-    "enclose",
-    "enclose_set",
-]
+__all__ = ["certify_move", "enclose", "enclose_set"]
 __dir__ = __all__.copy

@@ -24,12 +24,7 @@ from ccpin.visualization.playing import named_scene, play, standing_scene
 from ccpin.visualization.scene import Scene
 from ccpin.visualization.scene_page import CommandRecorder, render_page
 
-__all__ = [
-    "animate",
-    "embed",
-    "snapshot",
-    "view",
-]
+__all__ = ["animate", "embed", "snapshot", "view"]
 __dir__ = __all__.copy
 
 

@@ -357,10 +357,7 @@ WHOLE = LINKS + JOINTS + LOOP
 REFUSED = {
     "second root": (WHOLE + link("stray"), "link 'stray': a second root"),
     "own parent": (WHOLE + link("x") + joint("d", "x", "x"), "joint 'd': link 'x' is its own parent"),
-    "cycle": (
-        WHOLE + link("x") + link("y") + joint("d", "x", "y") + joint("e", "y", "x"),
-        "the joints form a cycle",
-    ),
+    "cycle": (WHOLE + link("x") + link("y") + joint("d", "x", "y") + joint("e", "y", "x"), "the joints form a cycle"),
     "zero axis": (WHOLE.replace("0 -1 0", "0 0 0", 1), "joint 'a': the axis is the zero vector"),
     "short axis": (WHOLE.replace("0 -1 0", "0 1", 1), "axis of joint 'a': xyz='0 1' has 2 numbers where 3"),
     "negative mass": (WHOLE.replace(link("rod"), link("rod", -1)), "link 'rod': mass -1 kg is negative"),

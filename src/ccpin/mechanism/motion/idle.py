@@ -58,12 +58,7 @@ class Idle(NamedTuple):
 
 
 def idle_motions(
-    constraints: Constraints,
-    tree: Tree,
-    tangent: Tangent,
-    pose: Array,
-    heavy: Container[int],
-    carriers: Container[int],
+    constraints: Constraints, tree: Tree, tangent: Tangent, pose: Array, heavy: Container[int], carriers: Container[int]
 ) -> list[Idle]:
     """The mobilities of a cluster that move bodies of a loop that go together, and nothing else.
 
