@@ -18,6 +18,7 @@ where it says that this is one: then a configuration is in its ranges if and onl
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import groupby
 
 import numpy as np
 from flint import arb, arb_mat
@@ -166,12 +167,6 @@ class _CoordinateIntervals:
 
 def _between_turns(path: Path) -> Iterator[list[int]]:
     """The slides of a chain that have no turn between them, by their places in it."""
-    together = list[int]()
-    for k, turn in enumerate(path.turns):
-        if turn.prismatic:
-            together.append(k)
-        elif together:
-            yield together
-            together = []
-    if together:
-        yield together
+    for slides, together in groupby(range(len(path.turns)), lambda k: path.turns[k].prismatic):
+        if slides:
+            yield list(together)

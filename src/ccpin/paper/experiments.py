@@ -67,6 +67,7 @@ def figure9(study: Study) -> Item:
     ideal, bench = settled(study.ideal, GOAL), settled(study.bench, GOAL)
     figure = panels_figure(study.ideal, study.bench, GOAL)
     left = np.degrees(np.abs(study.bench.q[-1] - GOAL).max())
+    peaks = " and ".join(f"{np.abs(motion.u).max():.1f} N m" for motion in (study.ideal, study.bench))
     return Item(
         "Fig. 9",
         "Experiment 1: q, q̇ and u against time",
@@ -85,7 +86,7 @@ def figure9(study: Study) -> Item:
             ("bench, into ±5 %", f"{bench:.3f} s"),
             ("bench, into ±2°", f"{settled(study.bench, GOAL, np.radians(2.0)):.3f} s"),
             ("left by friction on the bench", f"{left:.2f}°"),
-            ("largest u, ideal and bench", _peaks(study)),
+            ("largest u, ideal and bench", peaks),
         ),
         drawings=(Drawing("fig9", "(a), (b) q; (c), (d) q̇; (e), (f) u. Dashed: ideal; solid: bench.", figure),),
     )
@@ -94,10 +95,6 @@ def figure9(study: Study) -> Item:
 def _friction() -> str:
     coulomb, viscous = FRICTION["joint1"]
     return f"of {coulomb} N m and {viscous} N m s on the motors' joints and a tenth of it on the others"
-
-
-def _peaks(study: Study) -> str:
-    return " and ".join(f"{np.abs(motion.u).max():.1f} N m" for motion in (study.ideal, study.bench))
 
 
 def move_times(study: Study) -> tuple[MoveTimes, ...]:

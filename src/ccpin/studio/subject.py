@@ -120,12 +120,9 @@ class Subject:
             "rcond": state.rcond,
             "D": state.D.tolist(),
             "g": state.g.tolist(),
-            "q_free": [[name, *state.q_free[window].tolist()] for name, window in self._joints()],
+            "q_free": [[joint.name, *state.q_free[joint.q].tolist()] for joint in self.mechanism.tree.joints],
             "beyond": [name for name, i, low, high in self._limits if not low <= state.q_free[i] <= high],
         }
-
-    def _joints(self) -> list[tuple[str, slice]]:
-        return [(joint.name, joint.q) for joint in self.mechanism.tree.joints]
 
     def _limited(self) -> list[tuple[str, int, float, float]]:
         lower, upper = self.mechanism.position_limits
