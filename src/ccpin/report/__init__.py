@@ -1,7 +1,5 @@
 """One self-contained page about any mechanism: what it is, where it holds, its modes, an experiment, its animation."""
 
-from __future__ import annotations
-
 from ccpin.report.page import write
 from ccpin.report.settings import ReportSettings
 

@@ -82,11 +82,9 @@ def fixed(
 
 def _placed(tree: Tree, q_free: Array) -> dict[str, Array]:
     """Each joint's moving frame (4, 4) in that of the joint that carries it."""
-    data = tree.scratch.take()
-    pin.forwardKinematics(tree.model, data, q_free)
-    inside = {joint.name: data.liMi[joint.number].homogeneous.copy() for joint in tree.joints}
-    tree.scratch.give(data)
-    return inside
+    with tree.scratch.lent() as data:
+        pin.forwardKinematics(tree.model, data, q_free)
+        return {joint.name: data.liMi[joint.number].homogeneous.copy() for joint in tree.joints}
 
 
 def _joints(coupling: Coupling) -> list[str]:
