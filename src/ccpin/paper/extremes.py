@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +13,7 @@ from ccpin.mechanism.mechanism import Mechanism
 from ccpin.paper import printed
 from ccpin.paper.item import place
 from ccpin.plotting import plot_singularities
-from ccpin.plotting.style import COLOURS, drawing
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ccpin.plotting.style import COLOURS, Figure, drawing
 
 Panel = tuple[Array, float, float, Array, Array, Array]
 """Centre (rad), the paper's and our radius (degrees), q′ at the centre, at the paper's corners and at ours."""

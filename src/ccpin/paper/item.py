@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from ccpin.arrays import Array
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ccpin.plotting.style import Figure
 
 ROUNDING = "an identity: rounding, times the conditioning of ψ_q′ at the samples"
 

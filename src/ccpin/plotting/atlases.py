@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,10 +18,7 @@ from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.domain.singular.sampled import SingularCurve
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.plotting.style import COLOURS, coordinate_labels, drawing
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ccpin.plotting.style import COLOURS, Figure, coordinate_labels, drawing
 
 KINDS = {
     "fold": ("loop stretched or folded", "-", COLOURS[1]),

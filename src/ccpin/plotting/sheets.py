@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,10 +13,7 @@ from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.domain.singular.cusp_points import Cusp
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.plotting.atlases import cells_drawn, check_plane
-from ccpin.plotting.style import coordinate_labels, drawing
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ccpin.plotting.style import Figure, coordinate_labels, drawing
 
 _OPEN = "#b9bec6"
 _COUNTS = ("#f4f5f7", "#cfe3f5", "#9ecae1", "#9ccb9f", "#6bae8d", "#f2d16b", "#e9a15b")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,11 +13,8 @@ from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.theorem3 import SetPointCertificate
 from ccpin.covering.region import Corners, corners_of
 from ccpin.errors import CcpinError, UnsupportedMechanismError
-from ccpin.plotting.style import COLOURS, coordinate_labels, drawing
+from ccpin.plotting.style import COLOURS, Figure, coordinate_labels, drawing
 from ccpin.simulation.results.metrics import LyapunovHistory
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _GRID = 64  # points of U along an edge of the window
 _MARGIN = 0.35  # of half the window's longer edge, about the cells

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,10 +14,8 @@ from ccpin.mechanism.wireframe import plane_of_motion
 from ccpin.pages.parts import bullets, figure, paragraphs, table
 from ccpin.plotting import COLOURS
 from ccpin.plotting.motion import plot_configuration_panels
+from ccpin.plotting.style import Figure
 from ccpin.report.settings import value
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _OPEN = 0.1  # of the mechanism's extent: how far the ends of its loops are drawn apart
 _TURN = 1.2  # rad or m: no joint moves farther for that
