@@ -202,6 +202,7 @@ ROOMS: tuple[Room, ...] = (
             "Exclusion.__init__",
             "Exclusion.proved",
             "Exclusion._left_of",
+            "Exclusion._regular",
             "Exclusion._turns_over",
             "_ROW",
             "Exclusion._closing",
