@@ -74,8 +74,8 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
         ("emptiness", "phasors", "taylor"),
         "reach_bounds",
         "equations",
-        "newton",
-        ("narrowing", "requirements", "solutions"),
+        ("newton", "prolongations"),
+        ("narrowing", "requirements", "solutions", "zeros"),
         ("candidates", "covers", "demanded", "paths"),
     ),
 }

@@ -3,11 +3,11 @@
 **Proposition T.** Along a straight line of q let boxes glued one behind the other carry a curve of closed
 configurations with one dependent coordinate as the parameter (`paths.refutation` joins the line's rows to φ). Let its
 first point lie in a box of sheet A and its last in one of sheet B, and let a singular configuration proved by Theorem S
-of `singular.folds` lie on it. Then this one is a simple fold of the line: beyond its q on the line two solutions near
+lie on it. Then this one is a simple fold of the line: beyond its q on the line two solutions near
 it have vanished, and on this side they lead to A and to B, on the curve.
 
-*Proof.* Theorem S proves that F of `singular.folds` is regular at its solution, which says that the kernel of φ_y has
-one dimension and that s has a nonzero second derivative along the curve (Moore and Spence 1980). By uniqueness in the
+*Proof.* Theorem S says that the kernel of φ_y has one dimension and that s has a nonzero second derivative along the
+curve. By uniqueness in the
 box that holds it the configuration is a point of the curve. ∎
 """
 
@@ -21,7 +21,7 @@ from scipy.interpolate import PPoly
 from ccpin.arrays import Array, Indices
 from ccpin.domain.paths.refutation import holds, lies_in, line_problem
 from ccpin.domain.paths.walker import Walker
-from ccpin.domain.singular.folds import Folds, SingularPoints, singular_points
+from ccpin.domain.singular.folds import Folds, SearchedLines, singular_points
 from ccpin.errors import SingularConfigurationError
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes
@@ -47,7 +47,7 @@ class Fold(NamedTuple):
     sheets: tuple[int, int]
 
 
-def near_folds(problem: Problem, theta: Array, width: Array) -> tuple[SingularPoints, Array, Indices]:
+def near_folds(problem: Problem, theta: Array, width: Array) -> tuple[SearchedLines, Array, Indices]:
     """Folds proved near configurations θ (B, n′), along the fold's normal, and the directions; those within reach."""
     directions = Folds.near(problem, theta).directions()[0]
     found = singular_points(problem, theta, directions)
