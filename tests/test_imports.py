@@ -77,6 +77,7 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
         ("newton", "prolongations"),
         ("narrowing", "requirements", "solutions", "zeros"),
         ("candidates", "covers", "demanded", "paths"),
+        "lines",
     ),
 }
 OF_NO_ROOM = (("scripts",), ("docs",))  # tests of what is no part of the package

@@ -261,7 +261,7 @@ def closures_of(problem: Problem | Closures) -> Closures:
     return made[planar]
 
 
-def closure_values(problem: Problem, theta: Array) -> tuple[Array, Array]:
+def closure_values(problem: Problem | Closures, theta: Array) -> tuple[Array, Array]:
     """φ (B, m) and φ_θ (B, m, n′) at θ (B, n′)."""
     return closures_of(problem).first(theta)
 

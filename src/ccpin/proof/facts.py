@@ -103,6 +103,10 @@ class ProvableClaim:
         """
         raise NotImplementedError
 
+    def subjects(self, *premises: Fact) -> tuple[str, ...]:
+        """The digests of what each premise is to be about: the claim's equations."""
+        return (self.equations.digest,) * len(premises)
+
     def take(self: C, rows: Any) -> C:
         """The claim of some of its rows."""
         chosen = {field.name: getattr(self, field.name)[rows] for field in fields(self)[1:]}
@@ -273,8 +277,8 @@ def _examined(claim: ProvableClaim, premises: tuple[Fact, ...]) -> tuple[str, Ex
     require(type(claim) in _KINDS and type(claim.equations) in _EQUATIONS, "no claim that the kernel knows")
     require([type(premise) is Fact for premise in premises], "a premise is no fact")
     digest = claim.equations.digest
-    require([premise.digest == digest for premise in premises], "a premise is about other equations")
     formed = claim.well_formed()
+    require(tuple(p.digest for p in premises) == claim.subjects(*premises), "a premise is about other equations")
     examined = claim.examined(*premises)
     return digest, examined._replace(proved=examined.proved & formed)
 

@@ -157,7 +157,7 @@ class EnclosedSolution(NamedTuple):
     error: Array
 
 
-def predict(problem: Problem, boxes: Boxes, delta: Array, zeta: Array | None = None) -> Array:
+def predict(problem: Problem | Closures, boxes: Boxes, delta: Array, zeta: Array | None = None) -> Array:
     """θ_c + Dδ + Eζ, of shape (B, n′), for parameters δ (B, p) and modes ζ (B, m; default 0)."""
     theta = boxes.centre + apply(boxes.directions, delta)
     if zeta is not None:
@@ -165,7 +165,7 @@ def predict(problem: Problem, boxes: Boxes, delta: Array, zeta: Array | None = N
     return theta
 
 
-def solve_in_boxes(problem: Problem, boxes: Boxes, delta: Array) -> EnclosedSolution:
+def solve_in_boxes(problem: Problem | Closures, boxes: Boxes, delta: Array) -> EnclosedSolution:
     """σ at parameters |δ| ≤ h of B proved boxes; it cannot fail.
 
     A Newton step is taken where it stays in the tube and lowers ‖f‖ (in the box's norm) at least by κ, the step
@@ -197,14 +197,16 @@ class _Evaluation(NamedTuple):
     step: Array
 
 
-def _evaluate(problem: Problem, boxes: Boxes, delta: Array, zeta: Array) -> _Evaluation:
+def _evaluate(problem: Problem | Closures, boxes: Boxes, delta: Array, zeta: Array) -> _Evaluation:
     phi, jacobian = closure_values(problem, predict(problem, boxes, delta, zeta))
     residual = apply(boxes.preconditioner, phi)
     slope = boxes.preconditioner @ jacobian[:, :, problem.system.dependent] @ boxes.modes
     return _Evaluation(residual, np.max(np.abs(residual) / boxes.weight, axis=1), -solve_many(slope, residual))
 
 
-def _step(problem: Problem, boxes: Boxes, delta: Array, zeta: Array, now: _Evaluation) -> tuple[Array, _Evaluation]:
+def _step(
+    problem: Problem | Closures, boxes: Boxes, delta: Array, zeta: Array, now: _Evaluation
+) -> tuple[Array, _Evaluation]:
     trial = zeta + now.step
     inside = np.all(np.abs(trial) <= boxes.radius, axis=1)
     trial = np.where(inside[:, None], trial, zeta - now.residual)
@@ -229,7 +231,7 @@ def within(problem: Problem, boxes: Boxes, delta: Array) -> Mask:
 
 
 def encloses(
-    problem: Problem, boxes: Boxes, delta: Array, theta: Array, error: Array, modes: Array | None = None
+    problem: Problem | Closures, boxes: Boxes, delta: Array, theta: Array, error: Array, modes: Array | None = None
 ) -> Mask:
     """Whether solutions known as θ + modes · [−error, error] (dependent coordinates) lie in the boxes' tubes at δ.
 

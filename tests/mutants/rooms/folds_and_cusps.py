@@ -41,6 +41,23 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room("proof/zeros", ("_UNIT", "_Zeros.examined"), ("proof/test_sharp_zeros.py",)),
+    Room(
+        "proof/lines",
+        (
+            "line_system",
+            "SingularOnSegment.subjects",
+            "SingularOnSegment._line",
+            "SingularOnSegment.examined",
+            "holds",
+            "lies_in",
+            "_range_along",
+        ),
+        ("proof/test_sharp_lines.py",),
+        (
+            ("delta = np.min(room", "1e-300 ×", "where the line does not move there is room enough"),
+            ("wide = box._replace(", "", "`check` asks Theorem N of the wider tube"),
+        ),
+    ),
     Room("domain/singular/folds", ("singular_points",), _TOLD, (("y + ahead.aside", "", _BEGUN),)),
     Room(
         "domain/singular/cusp_points",
@@ -55,6 +72,7 @@ EXCUSED: tuple[Excused, ...] = (
         ("_SETTLED", "_FAR", "onto_curves"),
         "where tubes are tried: `certify_tubes` proves them",
     ),
+    Excused("proof/lines", ("_ROOM",), "which wider tubes are tried: `check` asks Theorem N of them"),
     Excused("proof/prolongations", ("_RADII",), "which radii are tried: `proved_within` checks each"),
     Excused(
         "domain/singular/folds",
