@@ -9,8 +9,8 @@ proof, never makes a false one. This guards against mistakes and forged data, no
 
 What a claim may say is declared beside it: a `Form` for every array. Theorems are about these shapes (with fewer rows
 of a preconditioner than equations, AG = 0 would say less than G = 0), and what is no finite number is refused before
-it is compared with anything. A premise counts if it is about the same equations, told by
-their `digest`, or about those that the claim says (`subjects`).
+it is compared with anything. A premise counts if it is about the same equations, told by their `digest`, or about those
+that the claim says it is to be about (`subjects`).
 """
 
 from __future__ import annotations
