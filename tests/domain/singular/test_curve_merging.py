@@ -11,12 +11,12 @@ from ccpin.cli import main
 from ccpin.covering.region import Region
 from ccpin.domain import merge, split_region
 from ccpin.domain.singular import joining
-from ccpin.domain.singular.curve_equations import first_order
 from ccpin.domain.singular.following import TubeChain
 from ccpin.domain.singular.joining import _around, _Piece, held, one_of_each, without_held
 from ccpin.domain.singular.merged import filled
-from ccpin.domain.singular.tubes import Points, places_in, zeros_in
 from ccpin.errors import InvalidInputError
+from ccpin.proof.curves.curve_equations import first_order
+from ccpin.proof.curves.tubes import Points, places_in, zeros_in
 from tests.oracles import five_bar as oracle
 from tests.oracles import planar_3rpr as three_legs
 from tests.oracles import rpdr as paper

@@ -15,8 +15,9 @@ from ccpin.domain.singular.cover import Found
 from ccpin.domain.singular.curve import as_curve, holds
 from ccpin.domain.singular.curves import SingularCover, UncoveredBoxes, _uncovered, _waiting
 from ccpin.domain.singular.following import TubeChain
-from ccpin.domain.singular.tubes import Points
 from ccpin.errors import InvalidInputError
+from ccpin.proof.curves import tube_claims
+from ccpin.proof.curves.tubes import Points
 from ccpin.proof.narrowing import Candidates
 from tests.support.straight_curves import PROBLEM, straighten, tubes
 
@@ -236,6 +237,7 @@ def test_more_work_is_added_to_what_was_done(monkeypatch):
 
     monkeypatch.setattr(module, "CurveSearch", Search)
     monkeypatch.setattr(module, "Runner", lambda *_: None)
+    monkeypatch.setattr(module, "concluded", lambda proposed, problem: proposed)
     monkeypatch.setattr(module, "extents", lambda problem, boxes: boxes.half)
 
     class Fake(SimpleNamespace):
@@ -272,14 +274,14 @@ def test_a_file_with_a_tube_that_is_not_proved_is_refused(saved, monkeypatch):
     made, path = saved
     loaded = SingularCover.load(path)
     assert [len(curve.radius) for curve in loaded.curves] == [len(curve.radius) for curve in made.curves]
-    real = module.proved_again
+    real = tube_claims.proved_again
 
     def all_but_one(problem, given):
         found = real(problem, given)
         return found._replace(proved=np.arange(len(found.proved)) != 1)
 
     with monkeypatch.context() as other:
-        other.setattr(module, "proved_again", all_but_one)
+        other.setattr(tube_claims, "proved_again", all_but_one)
         with pytest.raises(InvalidInputError, match="tube 1 is not proved"):
             SingularCover.load(path)
     short = made.curves[0]._replace(radius=made.curves[0].radius[:-1])

@@ -9,10 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.domain.singular import curve_equations, cusp_points, folds
-from ccpin.domain.singular.curve_equations import Drift
+from ccpin.domain.singular import cusp_points, folds
 from ccpin.domain.singular.cusp_points import Cusp, _CuspEquations
 from ccpin.domain.singular.folds import _System
+from ccpin.proof.curves import curve_equations
+from ccpin.proof.curves.curve_equations import Drift
 from ccpin.proof.equations import Derivatives
 
 M, SIZE, Q, Y = 3, 5, np.array([3, 1]), np.array([0, 4, 2])
@@ -62,7 +63,8 @@ class Cubic:
 def cubic(monkeypatch):
     made = Cubic()
     for module in (curve_equations, cusp_points, folds):
-        monkeypatch.setattr(module, "closure_derivatives", made.derivatives)
+        name = "derivatives" if module is curve_equations else "closure_derivatives"
+        monkeypatch.setattr(module, name, made.derivatives)
         monkeypatch.setattr(module, "third_bound", made.third)
     for module in (curve_equations, cusp_points):
         monkeypatch.setattr(module, "third_along", made.third_along)

@@ -7,7 +7,7 @@ from tests.mutants.room import Excused, Room
 _TESTS = ("domain/singular/test_sharp_systems.py",)
 ROOMS: tuple[Room, ...] = (
     Room(
-        "domain/singular/curve_equations",
+        "proof/curves/curve_equations",
         ("values_at", "rounding_at", "first_order", "Drift.along", "drift"),
         _TESTS,
     ),
@@ -37,7 +37,7 @@ ROOMS: tuple[Room, ...] = (
 
 EXCUSED: tuple[Excused, ...] = (
     Excused(
-        "domain/singular/curve_equations",
+        "proof/curves/curve_equations",
         ("_SETTLED", "_FAR", "onto_curves"),
         "where tubes are tried: `certify_tubes` proves them",
     ),

@@ -11,7 +11,7 @@ _TUBES = (
 )
 ROOMS: tuple[Room, ...] = (
     Room(
-        "domain/singular/tubes",
+        "proof/curves/tubes",
         (
             "bounds_of",
             "certify_tubes",
@@ -72,7 +72,7 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
-        "domain/singular/settled_boxes",
+        "proof/curves/settled_boxes",
         (
             "settled_beside",
             "settled",
@@ -153,19 +153,19 @@ EXCUSED: tuple[Excused, ...] = (
     ),
     Excused("domain/singular/joining", ("_REACH", "_Pool.near"), "which tubes are tried: `glued` and `held` prove"),
     Excused(
-        "domain/singular/tubes",
+        "proof/curves/tubes",
         ("frames_at", "longest"),
         "which tubes are tried: `certify_tubes` proves them, with any P",
     ),
-    Excused("domain/singular/tubes", ("_CLOSE", "_BACK"), "when zeros are close enough, and which are tried"),
-    Excused("domain/singular/tubes", ("no_tubes",), "arrays without rows"),
+    Excused("proof/curves/tubes", ("_CLOSE", "_BACK"), "when zeros are close enough, and which are tried"),
+    Excused("proof/curves/tubes", ("no_tubes",), "arrays without rows"),
     Excused(
-        "domain/singular/settled_boxes",
+        "proof/curves/settled_boxes",
         ("_WORTH", "Nearby.of", "Nearby._folded", "Nearby.beside", "_may_hold"),
         "which tubes are tried: `settled` proves that one settles a box, `places_in` that it holds a point",
     ),
-    Excused("domain/singular/settled_boxes", ("_ROOM", "_LEAST"), "which u of Lemma W is proposed: it is checked"),
-    Excused("domain/singular/settled_boxes", ("_PASSES", "_GAIN"), "how often a box is narrowed"),
+    Excused("proof/curves/settled_boxes", ("_ROOM", "_LEAST"), "which u of Lemma W is proposed: it is checked"),
+    Excused("proof/curves/settled_boxes", ("_PASSES", "_GAIN"), "how often a box is narrowed"),
     Excused(
         "domain/singular/cover",
         (

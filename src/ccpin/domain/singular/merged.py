@@ -22,7 +22,7 @@ from ccpin.arrays import Array, Mask, joined
 from ccpin.covering.region import Region
 from ccpin.domain.closures.packing import same_reading
 from ccpin.domain.singular.curve import as_curve
-from ccpin.domain.singular.curves import SingularCover
+from ccpin.domain.singular.curves import SingularCover, concluded
 from ccpin.domain.singular.following import TubeChain
 from ccpin.domain.singular.joining import one_of_each
 from ccpin.errors import InvalidInputError
@@ -43,7 +43,7 @@ def merge_covers(covers: Sequence[SingularCover]) -> SingularCover:
     chains = [TubeChain(curve.tubes, curve.closed) for cover in covers for curve in cover.curves]
     curves = [as_curve(first.reading, chain) for chain in one_of_each(first.problem, chains)]
     region = filled(first.problem, [cover.region for cover in covers])
-    return replace(
+    proposed = replace(
         first,
         region=region,
         ranges=ranges_over(first.problem.system, first.ranges, (region.lower, region.upper)),
@@ -53,6 +53,7 @@ def merge_covers(covers: Sequence[SingularCover]) -> SingularCover:
         limit=next((limit for limit in _LIMITS if any(cover.limit == limit for cover in covers)), None),
         resolution=max(cover.resolution for cover in covers),
     )
+    return concluded(proposed)
 
 
 def _refuse_others(first: SingularCover, other: SingularCover, k: int) -> None:
