@@ -37,11 +37,6 @@ ROOMS: tuple[Room, ...] = (
 
 EXCUSED: tuple[Excused, ...] = (
     Excused(
-        "proof/curves/curve_equations",
-        ("_SETTLED", "_FAR", "onto_curves"),
-        "where tubes are tried: `certify_tubes` proves them",
-    ),
-    Excused(
         "domain/singular/folds",
         ("singular_points", "Folds.near", "Folds.directions", "Folds.along"),
         "where Newton begins, and with which l: Theorem S is about any, and `_proved_within` asks it",

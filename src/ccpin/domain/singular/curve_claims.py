@@ -58,10 +58,9 @@ def proved_chains(problem: Problem, chains: Sequence[TubeChain]) -> tuple[Proved
     glue = prove_some(GluedTubes(closures_of(problem), first, second), tubes)[0]
     links = set(zip(glue.claim.first.tolist(), glue.claim.second.tolist(), strict=True))
     proved, found = tubes_of(glue.claim.equations, [tubes]), list[TubeChain]()
-    for run, chain in zip(runs, chains, strict=True):
-        parts = list(_unbroken(run.tolist(), links))
-        closed = chain.closed and len(parts) == 1 and (parts[0][-1], parts[0][0]) in links
-        found += [TubeChain(proved.take(np.array(part)), closed) for part in parts]
+    for run in runs:
+        parts = _unbroken(run.tolist(), links)
+        found += [TubeChain(proved.take(np.array(part)), (part[-1], part[0]) in links) for part in parts]
     return ProvedCurves(tubes, glue, None), found
 
 

@@ -142,17 +142,22 @@ class SingularCover:
     @property
     def verdict(self) -> Verdict:
         """Of the claim that the curves are all there are over the region; no box can refute it."""
-        told = self.source is not None and self.limit is None
-        return "proven" if not len(self.uncovered.lower) and (told or self._whole) else "undecided"
+        return "proven" if self._whole else "undecided"
 
     @property
     def _whole(self) -> bool:
-        """Whether the kernel says that the curves are all there are."""
-        covered = None if self.proved is None else self.proved.covered
-        if covered is None or covered.digest != closures_of(self.problem).digest or len(covered.found["lower"]):
-            return False
-        region, tubes = (self.region.lower, self.region.upper), stated(self._tubes)
-        return covers(covered, region, self.ranges.limits, tubes)
+        """Whether the kernel says, or else a file, that the curves are all there are."""
+        covered = self._covered
+        if covered is None:
+            return self.source is not None and self.limit is None and not len(self.uncovered.lower)
+        region = self.region.lower, self.region.upper
+        known = covered.digest == closures_of(self.problem).digest and not len(covered.found["lower"])
+        return known and covers(covered, region, self.ranges.limits, stated(self._tubes))
+
+    @property
+    def _covered(self) -> Fact | None:
+        """The fact about the region, if there is one."""
+        return None if self.proved is None else self.proved.covered
 
     @property
     def _tubes(self) -> Tubes:
@@ -162,7 +167,7 @@ class SingularCover:
     @property
     def reason(self) -> str:
         """The verdict in a sentence; where it is not computed from facts, what of it rests on the file (`source`)."""
-        return self._reason + of_file(None if self._whole else self.source)
+        return self._reason + of_file(None if self._covered is not None and self._whole else self.source)
 
     @property
     def _reason(self) -> str:
