@@ -210,3 +210,5 @@ def test_parts_that_lack_a_curve(rpdr, honest):
     less = {"resolution": 0.1, "tried": 500}
     lacking = [replace(part, curves=tuple(c for c in part.curves if c.kind == "fold"), **less) for part in parts]
     assert domain.merge(lacking).verdict == "undecided"
+    unproved = domain.merge([replace(part, proved=None) for part in parts])
+    assert (unproved.verdict, unproved.proved.covered) == ("undecided", None)

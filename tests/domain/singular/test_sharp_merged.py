@@ -115,7 +115,7 @@ def cover():
 
 def test_a_cover_of_parts_says_what_all_of_them_do(cover, monkeypatch):
     """Boxes tried and left, the reason to end that hides most, the coarsest resolution: that is proposed."""
-    monkeypatch.setattr(module, "concluded", lambda proposed: proposed)
+    monkeypatch.setattr(module, "concluded", lambda proposed, believed: proposed)
     left = cover.uncovered._replace(lower=np.zeros((1, 4)), upper=np.ones((1, 4)))
     one, other = replace(cover, tried=3, resolution=1e-3), replace(cover, tried=4, uncovered=left, resolution=1e-2)
     both = merge_covers([one, other])

@@ -416,16 +416,19 @@ def searched(
             return concluded(proposed, problem)
 
 
-def concluded(cover: SingularCover, problem: Problem | None = None) -> SingularCover:
+def concluded(cover: SingularCover, problem: Problem | None = None, believed: bool = False) -> SingularCover:
     """A cover that is proposed, as the kernel has it: curves in tubes that are proved, and all that may be on none.
 
-    Where the work was interrupted boxes that may hold others are those of the search; the problem may have other
-    bounds.
+    Args:
+        cover: What is proposed.
+        problem: The closures with bounds for boxes, if these are others.
+        believed: Whether boxes that may hold others are taken for what they are said to be, as they are where the work
+            was interrupted: then no fact says that there are no more.
     """
     given = [TubeChain(curve.tubes, curve.closed) for curve in cover.curves]
     proved, chains = proved_chains(cover.problem, given)
     cover = replace(cover, curves=tuple(as_curve(cover.reading, chain) for chain in chains), proved=proved)
-    if not cover.complete:
+    if believed or not cover.complete:
         return cover
     effort = SearchEffort(cover.resolution, cover.tried, cover.limit is None)
     fact = proved_cover(problem or cover.problem, cover.region, cover.ranges, effort, proved.tubes)

@@ -9,6 +9,9 @@ tubes, or in a box that one of them lists.
 A search goes beyond the bounds of its region by more than rounding sets two bounds apart (`candidates.BEYOND`), so that
 nothing is between them. Curves that are proved to be one are listed as one, in tubes that hold all that theirs held
 (`joining`). Where that is not proved both stay: the claim is the same, and one curve is listed twice.
+
+None of this is believed where all covers were proved here: the kernel looks at the whole region once more, with the
+tubes that are listed. Where one was read from a file the whole rests on that file, by the proposition.
 """
 
 from __future__ import annotations
@@ -53,7 +56,8 @@ def merge_covers(covers: Sequence[SingularCover]) -> SingularCover:
         limit=next((limit for limit in _LIMITS if any(cover.limit == limit for cover in covers)), None),
         resolution=max(cover.resolution for cover in covers),
     )
-    return concluded(proposed)
+    told = any(cover.proved is None or cover.proved.covered is None for cover in covers)
+    return concluded(proposed, believed=told)
 
 
 def _refuse_others(first: SingularCover, other: SingularCover, k: int) -> None:
