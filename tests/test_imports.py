@@ -67,6 +67,7 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
         ("pruning", "proposals"),
         "claims",
     ),
+    "proof.curves": ("curve_equations", "tubes", ("settled_boxes", "tube_claims"), "singular_covers"),
     "proof": (
         ("theorems", "rounding", "digests", "verdict", "facts"),
         ("balls", "chains", "chords"),
@@ -77,7 +78,7 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
         ("newton", "prolongations"),
         ("narrowing", "requirements", "solutions", "zeros"),
         ("candidates", "covers", "demanded", "paths"),
-        "lines",
+        ("curves", "lines"),
     ),
 }
 OF_NO_ROOM = (("scripts",), ("docs",))  # tests of what is no part of the package

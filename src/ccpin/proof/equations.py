@@ -114,6 +114,11 @@ class Closures:
         return phasors_of(self.system) if self.planar else None
 
     @cached_property
+    def problem(self) -> Problem:
+        """The same as boxes of all coordinates are narrowed with."""
+        return Problem(self.system, self.stack, self.phasors)
+
+    @cached_property
     def stack(self) -> ChainStack:
         """The chains side by side."""
         return stack_chains(self.system.chains, self.system.n_free, self.system.m)

@@ -9,15 +9,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.domain.singular import curve_equations
-from ccpin.domain.singular.curve_equations import Drift
+from ccpin.proof.curves import curve_equations
+from ccpin.proof.curves.curve_equations import Drift
 from tests.support.cubic import MARGIN, SIZE, TAU, Cubic, M, Y, rows, slope_of
 
 
 @pytest.fixture
 def cubic(monkeypatch):
     made = Cubic()
-    monkeypatch.setattr(curve_equations, "closure_derivatives", made.derivatives)
+    monkeypatch.setattr(curve_equations, "derivatives", made.derivatives)
     monkeypatch.setattr(curve_equations, "third_bound", made.third)
     monkeypatch.setattr(curve_equations, "third_along", made.third_along)
     return made

@@ -8,7 +8,7 @@ _TOLD = ("domain/singular/test_sharp_cusps.py",)
 _BEGUN = "where Newton begins, and with which l: the theorems are about any, and `proof.facts.prove_some` asks them"
 ROOMS: tuple[Room, ...] = (
     Room(
-        "domain/singular/curve_equations",
+        "proof/curves/curve_equations",
         ("values_at", "rounding_at", "first_order", "Drift.along", "drift"),
         ("domain/singular/test_sharp_systems.py",),
     ),
@@ -67,11 +67,6 @@ ROOMS: tuple[Room, ...] = (
 )
 
 EXCUSED: tuple[Excused, ...] = (
-    Excused(
-        "domain/singular/curve_equations",
-        ("_SETTLED", "_FAR", "onto_curves"),
-        "where tubes are tried: `certify_tubes` proves them",
-    ),
     Excused("proof/lines", ("_ROOM",), "which wider tubes are tried: `check` asks Theorem N of them"),
     Excused("proof/prolongations", ("_RADII",), "which radii are tried: `proved_within` checks each"),
     Excused(
