@@ -37,13 +37,22 @@ def candidates(centre, half, slopes):
 def test_a_search_begins_with_all_of_the_ranges():
     """A thousandth of what counts as at their ends and 1e-12 of the region more, but where a coordinate is held."""
     ranges = ranges_of([-1.0, 2.0], [3.0, 2.5])
-    for lower, upper, wide in ((0.25, 0.75, 0.25 + 1e-12), (0.5, 0.5, 0.0)):
+    for lower, upper, wide in ((0.25, 0.75, 0.25 + 1e-12 + 1e-14 + 3 * U), (0.5, 0.5, 0.0)):
         found = over_all(problem_of(PLANE), ranges, np.array([lower]), np.array([upper]))
         np.testing.assert_allclose(found.centre, [[0.5, 1.0, 2.25]], rtol=1e-15)
         more = 1e-12 * np.array([4.0, 3.5])
-        assert found.half[0, 0] == wide
+        assert found.half[0, 0] == pytest.approx(wide, rel=1e-15, abs=0.0)
         np.testing.assert_allclose(found.half[0, 1:] - [2.0, 0.25], more, rtol=1e-3)
         assert (found.cell.tolist(), found.slopes.any()) == ([0], False)
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(0.1, 0.7), (1e6 + 0.1, 1e6 + 0.3), (-1e9 - 1e-3, -1e9)])
+def test_a_search_begins_with_all_of_the_region(lower, upper):
+    """And 1e-12 more, wherever it is, as real numbers."""
+    found = over_all(problem_of(LINE), ranges_of([-1.0], [3.0]), np.array([lower]), np.array([upper]))
+    centre, half = Fraction(found.centre[0, 0]), Fraction(found.half[0, 0])
+    for room in (Fraction(lower) - (centre - half), centre + half - Fraction(upper)):
+        assert room >= Fraction(1e-12)
 
 
 @pytest.mark.parametrize(("centre", "gone"), [

@@ -2,7 +2,8 @@
 
 Branch and prune: one candidate holds everything over the region within the ranges of the dependent coordinates, which
 are derived here (Lemma R). It is narrowed (Proposition N) and halved, in all coordinates; where no candidate is left
-over a cell, nothing is. So a search that finds a tree of cells may do as it likes: it is gone through again.
+over a cell, nothing is, nor as much as `BEYOND` beside it. So a search that finds a tree of cells may do as it likes:
+it is gone through again.
 """
 
 from __future__ import annotations
@@ -12,15 +13,16 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, joined, rows_of
+from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.proof.candidates import halved, handed_down, narrowed_both, over_all, steepness, to_halve
-from ccpin.proof.cell_tree import WHOLE, CellRegion, require_region, tree_of
+from ccpin.proof.candidates import BEYOND, halved, narrowed_both, over_all, steepness, to_halve
+from ccpin.proof.cell_tree import WHOLE, CellRegion, HalvedTree, require_region, tree_of
 from ccpin.proof.emptiness import empty_by, empty_cells, ends_over, groups_of, platform_of
 from ccpin.proof.equations import Closures, Problem
 from ccpin.proof.facts import Examined, Fact, Form, NotProvedError, ProvableClaim, provable, require
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import Ranges, ranges_of
+from ccpin.proof.rounding import blur, widened
 from ccpin.work import check
 
 _AT_ONCE = 20_000  # cells: bounds memory
@@ -83,15 +85,18 @@ class Excluded(ProvableClaim):
         require_region(self.equations, self.region)
         tree = tree_of(self.cut, self.child, len(self.lower))
         asked, problem, ranges = _asked(tree.reached, self.child, self.kept), self.equations.problem, self.ranges()
-        waiting, tried, held = over_all(problem, ranges, self.lower, self.upper), 0, [np.zeros(0, dtype=np.intp)]
+        root, tried, held = over_all(problem, ranges, self.lower, self.upper), 0, [np.zeros(0, dtype=np.intp)]
         with np.errstate(all="ignore"):
+            waiting = over_cells(problem, self.region, tree, root)
             while (waiting := rows_of(waiting, asked[waiting.cell])).cell.size:
                 tried += len(waiting.cell)
                 require(tried < _MOST, "more candidates than are looked at")
                 waiting = _settled(problem, ranges, waiting, bool(self.singular[0]))
                 leaves = self.child[waiting.cell] < 0
                 held.append(self._held(problem, ranges, rows_of(waiting, leaves)))
-                waiting = handed_down(problem, self.cut, self.child, rows_of(waiting, ~leaves))
+                waiting = rows_of(waiting, ~leaves)
+                halves = [waiting._replace(cell=self.child[waiting.cell] + side) for side in (0, 1)]
+                waiting = over_cells(problem, self.region, tree, joined(halves))
         empty = tree.reached & (self.child < 0) & ~self.kept
         empty[np.concatenate(held)] = False
         return Examined(np.ones(1, dtype=np.bool_), {"empty": empty})
@@ -179,6 +184,24 @@ def ranges_over_region(equations: Closures, region: tuple[Array, Array], limits:
         return ranges_of(system, theta, region, limits, [str(j) for j in range(system.n_free)])
     except UnsupportedMechanismError as error:
         raise NotProvedError(str(error)) from error
+
+
+def over_cells(problem: Problem, region: CellRegion, tree: HalvedTree, waiting: Candidates) -> Candidates:
+    """What candidates hold over their cells, and `BEYOND` more each way, but where the region has no width.
+
+    |y − y_c − S(q − q_c)| ≤ h_y is the same from whatever q_c it is measured, y_c moved with it: here from the cell's
+    middle.
+    """
+    system, slopes, centre, half = problem.system, waiting.slopes, waiting.centre.copy(), waiting.half.copy()
+    middle = region.position(tree.lower[waiting.cell] + 0.5 * tree.size[waiting.cell])[0]
+    edge = 0.5 * (region.upper - region.lower) * (tree.size[waiting.cell] / WHOLE)
+    moved = middle - centre[:, system.independent]
+    centre[:, system.independent] = middle
+    centre[:, system.dependent] += apply(slopes, moved)
+    half[:, system.independent] = np.where(region.upper > region.lower, widened(middle, edge) + BEYOND, 0.0)
+    spare = blur(centre[:, system.dependent]) + apply(np.abs(slopes), blur(moved)) * (1 + system.n)
+    half[:, system.dependent] += spare
+    return waiting._replace(centre=centre, half=half)
 
 
 def _asked(reached: Mask, child: Indices, kept: Mask) -> Mask:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _EVERY = "proof/test_sharp_every.py"
+_ROOT = "no part is the region: its cell would have two parents"
 _CHAINS = ("proof/test_sharp_chains.py",)
 _BOUNDS = ("proof/test_sharp_bounds.py", _EVERY)
 ROOMS: tuple[Room, ...] = (
@@ -33,6 +34,7 @@ ROOMS: tuple[Room, ...] = (
             "_exact",
             "_placed",
             "_agree",
+            "_ball",
             "_inside",
         ),
         ("proof/test_sharp_solutions.py",),
@@ -55,7 +57,7 @@ ROOMS: tuple[Room, ...] = (
         ),
         ("proof/test_sharp_regions.py",),
         (
-            ("tree.reached & (self.child < 0)", "0 let in", "no part is the region: its cell would have two parents"),
+            ("tree.reached & (self.child < 0)", "0 let in", _ROOT),
             (
                 'not len(found["unglued"]) and len(found["seed"])',
                 "not asked: len(found['seed'])",
@@ -75,6 +77,49 @@ ROOMS: tuple[Room, ...] = (
         "proof/candidates",
         ("BEYOND", "over_all", "narrowed_both", "beyond", "_extent", "halved", "handed_down"),
         ("proof/test_sharp_waiting.py",),
+    ),
+    Room(
+        "proof/exhausted",
+        ("Excluded.examined", "ranges_over_region", "over_cells", "_asked"),
+        ("proof/test_sharp_exhausted.py",),
+        (
+            ("leaves = self.child[waiting.cell] < 0", "0 let in", _ROOT),
+            ("empty = tree.reached & (self.child < 0)", "0 let in", _ROOT),
+            ("np.flatnonzero(reached & (child >= 0))", "0 left out", _ROOT),
+            ("np.flatnonzero(reached & (child < 0) & ~kept)", "0 let in", _ROOT),
+            ("cells = above[(above >= 0)", "not asked: ~asked", "cells above are gone through once more"),
+        ),
+    ),
+    Room(
+        "proof/solution_counts",
+        (
+            "_INNER",
+            "_ROOM",
+            "CountedCells.examined",
+            "CountedCells._require_over",
+            "CompleteCells.examined",
+            "CompleteCells._counts",
+            "CompleteCells._alike",
+            "well_inside",
+            "_parts",
+            "own_solutions",
+            "known",
+            "within",
+            "same",
+            "different",
+            "_gap",
+        ),
+        ("proof/test_sharp_counts.py",),
+        (
+            ("near = np.all(", "", "which boxes are tried for a candidate: `alone_in` proves what is said of them"),
+            ("gap = np.abs(waiting.centre", "", "as for `near`"),
+            ("rows = np.flatnonzero(near & ~done)", "not asked: near", "as for `near`"),
+            ("self.child[self.cell] < 0", "0 let in", _ROOT),
+            ("inner = np.flatnonzero(child >= 0)", "0 left out", _ROOT),
+            ("cells = np.flatnonzero((child < 0)", "0 let in", _ROOT),
+            ("cells = np.flatnonzero((child < 0)", "0 left out", _ROOT),
+            ("cells = cells[self.child[cells] >= 0]", "0 left out", _ROOT),
+        ),
     ),
     Room("proof/covers", ("one_function",), ("proof/test_sharp_covers.py",)),
     Room(
@@ -332,9 +377,9 @@ ROOMS: tuple[Room, ...] = (
         ("tree_of", "LeafFaces.turns", "faces_of", "_parted"),
         ("proof/test_sharp_covers.py",),
         (
-            ("ended = (child[pairs.upper] < 0)", "0 let in", "no part is the region: its cell would have two parents"),
-            ("tree.reached & (child >= 0)", "0 left out", "no part is the region: its cell would have two parents"),
-            ("first = child[pairs.upper] >= 0", "0 left out", "no part is the region: its cell would have two parents"),
+            ("ended = (child[pairs.upper] < 0)", "0 let in", _ROOT),
+            ("tree.reached & (child >= 0)", "0 left out", _ROOT),
+            ("first = child[pairs.upper] >= 0", "0 left out", _ROOT),
         ),
     ),
     Room(
@@ -392,6 +437,11 @@ EXCUSED: tuple[Excused, ...] = (
     ),
     Excused(
         "proof/ranges", ("_ROUNDS", "_GAIN", "_Intervals.narrow"), "when narrowing ends: each step of it is proved"
+    ),
+    Excused(
+        "proof/solution_counts",
+        ("_NEAR",),
+        "which boxes are tried for a candidate: `alone_in` proves what is said of them",
     ),
     Excused("proof/bounds", ("Rows",), "a type"),
     Excused("proof/emptiness", ("_LEAST_VALUE",), "any positive S makes a true bound"),
