@@ -1,5 +1,7 @@
 """Covers of singular curves: true ones are proved, planted errors are found."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from ccpin import domain
 from ccpin.errors import InvalidInputError
 from tests.oracles import five_bar as oracle
 from tests.oracles import rpdr
-from tests.support.altered import changed
+from tests.support.altered import changed, claim
 from tests.support.five_bars import load_five_bar
 from tests.support.legs import load_slice
 
@@ -24,11 +26,17 @@ CROSSING = oracle.FiveBar(0.2, 0.3, 0.2, 0.3, 0.4)  # the fold crosses itself at
 CASES = {"rpdr": REGION, "3-RPR": SLICE, "five-bar": np.array([[0.1, 0.1], [0.5, 0.5]])}
 
 
+@cache
+def cover_of(name):
+    """A cover, found once, however often tests are told of its mechanism."""
+    load = {"rpdr": lambda: ccpin.load("rpdr"), "3-RPR": load_slice, "five-bar": lambda: load_five_bar(CROSSING)}
+    return domain.certify_singularities(load[name](), CASES[name])
+
+
 @pytest.fixture(scope="module", params=CASES)
 def case(request, tmp_path_factory):
     """A cover and its file."""
-    load = {"rpdr": lambda: ccpin.load("rpdr"), "3-RPR": load_slice, "five-bar": lambda: load_five_bar(CROSSING)}
-    found = domain.certify_singularities(load[request.param](), CASES[request.param])
+    found = cover_of(request.param)
     assert found.curves
     path = tmp_path_factory.mktemp("cover") / "cover.json"
     found.save(path)
@@ -42,11 +50,6 @@ def region(tmp_path_factory):
     path = tmp_path_factory.mktemp("cover") / "cover.json"
     found.save(path)
     return found, path
-
-
-def claim(audit, word):
-    """The claim whose words hold one."""
-    return next(c for c in audit.claims if word in c.what)
 
 
 def test_true_covers_are_proved(case):

@@ -27,9 +27,9 @@ from ccpin.work import Flag, Stopped, Until
 Arrays = tuple[NDArray[np.generic], ...]
 Task = Callable[[Problem, Arrays], Arrays]
 
-_POLL = 0.2
+_POLL = 0.2  # s
 _CHUNK = "ccpin-chunk-1"
-_STALLED = 5.0
+_STALLED = 5.0  # s
 
 
 class Progress(NamedTuple):

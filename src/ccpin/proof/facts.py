@@ -9,7 +9,8 @@ proof, never makes a false one. This guards against mistakes and forged data, no
 
 What a claim may say is declared beside it: a `Form` for every array. Theorems are about these shapes (with fewer rows
 of a preconditioner than equations, AG = 0 would say less than G = 0), and what is no finite number is refused before
-it is compared with anything. A premise counts if it is about the same equations, told by their `digest`.
+it is compared with anything. A premise counts if it is about the same equations, told by their `digest`, or about those
+that the claim says it is to be about (`subjects`).
 """
 
 from __future__ import annotations
@@ -102,6 +103,10 @@ class ProvableClaim:
             NotProvedError: The premises are not those of the theorem.
         """
         raise NotImplementedError
+
+    def subjects(self, *premises: Fact) -> tuple[str, ...]:
+        """The digests of what each premise is to be about: the claim's equations."""
+        return (self.equations.digest,) * len(premises)
 
     def take(self: C, rows: Any) -> C:
         """The claim of some of its rows."""
@@ -273,8 +278,8 @@ def _examined(claim: ProvableClaim, premises: tuple[Fact, ...]) -> tuple[str, Ex
     require(type(claim) in _KINDS and type(claim.equations) in _EQUATIONS, "no claim that the kernel knows")
     require([type(premise) is Fact for premise in premises], "a premise is no fact")
     digest = claim.equations.digest
-    require([premise.digest == digest for premise in premises], "a premise is about other equations")
     formed = claim.well_formed()
+    require(tuple(p.digest for p in premises) == claim.subjects(*premises), "a premise is about other equations")
     examined = claim.examined(*premises)
     return digest, examined._replace(proved=examined.proved & formed)
 

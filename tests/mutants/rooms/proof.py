@@ -357,17 +357,6 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room("proof/equations", ("third_bound",), _BOUNDS),
     Room(
-        "proof/newton",
-        ("proved_within",),
-        ("proof/test_sharp_extended.py", _EVERY),
-        (
-            ("(kappa * SLACK < 1.0)", "not asked: kappa * SLACK < 1.0", "follows from the first"),
-            ("(kappa * SLACK < 1.0)", "kappa * SLACK < 1.0: left", "follows from the first"),
-            ("(kappa * SLACK < 1.0)", "1 × 1.1", "follows from the first"),
-            ("(kappa * SLACK < 1.0)", "1 × 2", "follows from the first"),
-        ),
-    ),
-    Room(
         "proof/narrowing",
         ("alone_in",),
         ("proof/test_sharp_narrowing.py", _EVERY),
@@ -449,7 +438,6 @@ EXCUSED: tuple[Excused, ...] = (
     Excused(
         "proof/ranges", ("_ROUNDS", "_GAIN", "_Intervals.narrow"), "when narrowing ends: each step of it is proved"
     ),
-    Excused("proof/newton", ("_RADII",), "which radii are tried: `proved_within` checks each"),
     Excused(
         "proof/solution_counts",
         ("_NEAR",),

@@ -13,11 +13,11 @@ from ccpin.proof.chains import ClosureSystem
 from ccpin.proof.equations import Problem, closure_values
 from ccpin.proof.newton import Boxes, bounds_of, holds, weights_for
 
-_INFLATION = 1e-4
-_SETTLED = 1.0 + 1e-6
-_ROUNDS = 30
-_LEAST, _ROOM = 1e-11, 16.0
-_LARGEST = 1e6
+_INFLATION = 1e-4  # of Y, to begin with
+_SETTLED = 1.0 + 1e-6  # room for the roundings of a check elsewhere
+_ROUNDS = 30  # of R ← Y + Z̄(R)R
+_LEAST, _ROOM = 1e-11, 16.0  # R of boxes to be glued: rad or m, and roundings of f
+_LARGEST = 1e6  # R, beside Y: beyond it nothing contracts
 
 
 class Tried(NamedTuple):

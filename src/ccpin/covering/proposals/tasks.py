@@ -18,7 +18,7 @@ from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes
 from ccpin.proof.requirements import meets
 
-_AT_FACE, _AT_CENTRE = 5, 10
+_AT_FACE, _AT_CENTRE = 5, 10  # Newton's steps
 _NEAR = 1e-4  # at a face: σ is only passed there
 _FIELDS = len(Boxes._fields)
 

@@ -49,7 +49,7 @@ from ccpin.proof.requirements import meets
 from ccpin.proof.solutions import boxes_of
 from ccpin.proof.verdict import Verdict, Witness, of_file
 
-_WITNESSES = 12
+_WITNESSES = 12  # cells from which one is looked for
 _FAILURES = {
     "empty": "no configuration closes the loops",
     "limit": "a joint is beyond its limits",
@@ -164,7 +164,7 @@ class Atlas:
         """A place of the region proved to have no σ, or one that is singular."""
         if self._whole:
             return None
-        found = refutation_of(self.reading, self.tree, self.region, self.boxes)
+        found = refutation_of(self.reading, self.tree, self.region, self.solutions)
         return next(demand_witnesses(self.reading, self.seed, self._undecided()), None) if found is None else found
 
     @property

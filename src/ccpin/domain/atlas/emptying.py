@@ -24,11 +24,11 @@ from ccpin.proof.exhausted import Excluded, Unreachable
 from ccpin.proof.facts import Fact, prove
 from ccpin.proof.narrowing import Candidates
 
-_CHUNK = 20_000
-_BUDGET = 2_000_000
-_ROUNDS = 12
-_NEWTON = 12
-_WORTH = 1e-3
+_CHUNK = 20_000  # cells: bounds memory
+_BUDGET = 2_000_000  # candidates
+_ROUNDS = 12  # of narrowing before a cell is halved
+_NEWTON = 12  # steps
+_WORTH = 1e-3  # of the region: less that is unreached is not searched
 
 
 def prove_empty(runner: Runner, tree: CellTree, region: Region, depth: int, thorough: bool = False) -> None:

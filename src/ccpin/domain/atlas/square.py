@@ -25,8 +25,8 @@ from ccpin.proof.equations import BoundsName, Problem
 from ccpin.proof.newton import Boxes, bounds_of
 from ccpin.proof.rounding import SLACK
 
-_TRIES = 64
-_SMALLEST, _LARGEST = 1e-9, 10.0
+_TRIES = 64  # widths a round
+_SMALLEST, _LARGEST = 1e-9, 10.0  # rad, m
 
 
 def kantorovich_radius(mechanism: Mechanism | HasMechanism, q_free: Array, bounds: BoundsName = "reach") -> float:

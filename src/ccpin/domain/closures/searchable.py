@@ -14,8 +14,8 @@ from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.ranges import NO_LIMIT, Ranges, ranges_of
 from ccpin.proof.solutions import TURN
 
-_SLACK = 1e-9
-_MOST_INDEPENDENT = 3
+_SLACK = 1e-9  # rad: what a full turn may lack
+_MOST_INDEPENDENT = 3  # cells double with every halving of every edge
 MOST_DEPENDENT = 8
 """Dependent coordinates: the search of all values of more would not end."""
 

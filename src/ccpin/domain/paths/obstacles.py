@@ -30,9 +30,9 @@ from ccpin.proof.newton import Boxes, encloses, solve_in_boxes
 from ccpin.proof.requirements import conditioning, reach, regular
 from ccpin.proof.verdict import Kind, Witness
 
-_BACK = (12, 6)
+_BACK = (12, 6)  # strides before the end of a walk
 _STUCK = 3  # lines on which a singular configuration is looked for: a search takes seconds
-_HALVINGS = 12
+_HALVINGS = 12  # of the last stride
 _SHARES = (0.3, 0.45, 0.65, 1.0)  # of a line: a demand that fails early spares the way to a singularity
 
 

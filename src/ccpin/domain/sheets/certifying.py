@@ -31,8 +31,8 @@ from ccpin.proof.equations import BoundsName
 from ccpin.proof.ranges import Ranges
 from ccpin.work import Stopped, executor_for, stoppable
 
-_DEPTHS = {1: 10, 2: 7, 3: 4}
-_DEEPER = 3
+_DEPTHS = {1: 10, 2: 7, 3: 4}  # halvings of an edge
+_DEEPER = 3  # halvings more for boxes
 
 
 def certify_sheets(

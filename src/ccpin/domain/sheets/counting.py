@@ -39,12 +39,12 @@ from ccpin.proof.ranges import Ranges
 from ccpin.proof.solution_counts import known, within
 from ccpin.proof.solutions import TURN
 
-_NEWTON = 12
+_NEWTON = 12  # steps
 _WIDEST = 1.5  # rad: wider candidates are halved before Newton's method is tried from their middle
-_ROUNDS = 60
+_ROUNDS = 60  # of narrowing before a cell is halved
 _BUDGET = 300_000  # candidates over one q
 
-_NEAR = 1e-6
+_NEAR = 1e-6  # rad, m: the same spelling of one configuration
 
 
 class Cover(NamedTuple):

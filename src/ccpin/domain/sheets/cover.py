@@ -27,9 +27,9 @@ from ccpin.proof.cell_tree import LEVELS
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, encloses, predict, without_turns
 
-_CHUNK = 2000
-_NEAR = 1e-6
-_NEWTON = 12
+_CHUNK = 2000  # boxes of a task
+_NEAR = 1e-6  # rad, m: pairs worth a proof
+_NEWTON = 12  # steps
 
 
 class CountedRegion(NamedTuple):

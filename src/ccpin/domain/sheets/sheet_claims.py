@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,10 +101,10 @@ class ProvedSheets:
     def says(self, sheets: HasSheets, count: NDArray[np.int64]) -> bool:
         """Whether these facts are about such sheets, and say that of their cells."""
         over, cells = self.cells.premises[0].premises[0].claim, self.cells.claim
-        own: tuple[Any, ...] = (*self.boxes, *self.members, *self.glued[:2], self.count)
-        own += (over.lower, over.upper, over.wrapped, cells.cut, cells.child, over.limits)
-        told: tuple[Any, ...] = (*sheets.boxes, *sheets.members, *sheets.glued[:2], count)
-        told += (*cells_of(sheets.region, sheets.tree).values(), sheets.ranges.limits)
+        own = [*self.boxes, *self.members, *self.glued[:2], self.count]
+        own += [over.lower, over.upper, over.wrapped, cells.cut, cells.child, over.limits]
+        told = [*sheets.boxes, *sheets.members, *sheets.glued[:2], count]
+        told += [*cells_of(sheets.region, sheets.tree).values(), sheets.ranges.limits]
         same = all(np.array_equal(one, other) for one, other in zip(told, own, strict=True))
         return same and closures_of(sheets.problem).digest == self.cells.digest
 

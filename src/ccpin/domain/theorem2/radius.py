@@ -63,9 +63,9 @@ from ccpin.proof.verdict import Verdict, Witness
 
 Scaling = Literal["unit", "weighted"]
 
-_CLOSED = 1e-8
-_NEAR = 1e-6
-_INFLATE = 1.0 + 1e-9
+_CLOSED = 1e-8  # rad, m: what a configuration may be open by
+_NEAR = 1e-6  # rad, m: a singular one this near leaves no radius
+_INFLATE = 1.0 + 1e-9  # for rounding
 _DESCRIPTIONS: dict[str, str] = {
     "angles": "one (cos, sin) for each joint's own angle from the centre",
     "absolute": "one (cos, sin) for the sum of the angles of successive joints about parallel axes, from the centre",
@@ -268,10 +268,10 @@ def _reason(system: QuadraticSystem, centre: Array, radius: float) -> str:
 # Scales of the unknowns that make Theorem 2's radius largest.
 
 
-_BISECTIONS = 24
-_ITERATIONS = 300
-_SETTLED = 1e-5
-_LEAST = 1e-4
+_BISECTIONS = 24  # of weights' radius: to 1e-7 of it
+_ITERATIONS = 300  # of weights
+_SETTLED = 1e-5  # growth of a weight that ends them
+_LEAST = 1e-4  # weight, beside the largest
 
 
 def best_weights(system: QuadraticSystem, centre: Array) -> Array:

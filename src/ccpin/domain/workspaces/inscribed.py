@@ -18,7 +18,7 @@ from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.radius_map import without_sigma
 from ccpin.proof.cell_tree import WHOLE
 
-_MOST_VOXELS = 2**21
+_MOST_VOXELS = 2**21  # 16 MB of distances
 
 
 class Room(NamedTuple):

@@ -42,12 +42,12 @@ from ccpin.proof.rounding import SLACK
 from ccpin.proof.verdict import Witness
 from ccpin.work import stoppable
 
-_CELLS, _TRIED = 6, 24
-_PUSHED = 4.0
-_GROWN, _GROWTHS, _EDGE = 2.0, 6, 1e-6
+_CELLS, _TRIED = 6, 24  # the nearest undecided cells, and lines through their corners
+_PUSHED = 4.0  # how far such a line goes, in distances of the corner
+_GROWN, _GROWTHS, _EDGE = 2.0, 6, 1e-6  # factor, how often at most, and how near to its end a ball is grown
 _FIRST, _AROUND = 0.5, 4.0  # a first cube's tolerance, and how many times as wide a map about it is
-_MAP_DEPTHS, _MANY_MAP_DEPTH = {1: 10, 2: 8, 3: 5}, 4
-_MAP_SECONDS, _BETTER = 0.5, 1.02
+_MAP_DEPTHS, _MANY_MAP_DEPTH = {1: 10, 2: 8, 3: 5}, 4  # halvings of the map on which centres are looked for
+_MAP_SECONDS, _BETTER = 0.5, 1.02  # share of the time for that map; what a centre is worth leaving another for
 
 
 @dataclass(frozen=True, eq=False)

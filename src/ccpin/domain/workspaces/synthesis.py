@@ -27,7 +27,7 @@ from ccpin.work import Flag, Stopped, stoppable
 
 T = TypeVar("T")
 Range = tuple[float, float]
-_STEP = 0.15
+_STEP = 0.15  # of a dimension's range: the first change
 
 
 class Trial(NamedTuple):

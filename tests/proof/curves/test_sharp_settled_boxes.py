@@ -6,21 +6,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.domain.singular import settled_boxes as module
-from ccpin.domain.singular.settled_boxes import (
-    Beside,
+from ccpin.proof.curves import settled_boxes as module
+from ccpin.proof.curves.settled_boxes import (
     _inside,
     _narrowed,
     _Slanted,
     directions,
     extents,
     kernels,
-    settle_boxes,
-    settle_task,
     settled,
     settled_beside,
-)  # fmt: skip
-from ccpin.domain.singular.tubes import Frames, TubeBounds, Tubes
+)
+from ccpin.proof.curves.tubes import Frames, TubeBounds, Tubes
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.rounding import SLACK
 from tests.support.made_up import made_up
@@ -82,7 +79,7 @@ def test_kernels_are_enclosed_by_what_the_lemma_states(monkeypatch, seed):
     jacobian, hessian, pairing = rng.normal(size=(1, m, size)), rng.normal(size=(1, m, size, size)), rng.normal(size=m)
     third, u = rng.uniform(0.1, 1.0, (1, m)), np.array([5.0, 6.0])
     values, asked = SimpleNamespace(jacobian=jacobian, hessian=hessian, arms=None), []
-    monkeypatch.setattr(module, "closure_derivatives", lambda problem, theta: values)
+    monkeypatch.setattr(module, "derivatives", lambda problem, theta: values)
     monkeypatch.setattr(module, "third_bound", lambda *arguments: asked.append(arguments) or third)
     monkeypatch.setattr(module, "solve_many", lambda matrix, right: u[None] / module._ROOM)
     inverse = np.linalg.pinv
@@ -111,7 +108,7 @@ def lemma_w(monkeypatch, slope, pairing, third, u):
     jacobian = np.zeros((1, m, m + 2))
     jacobian[0][:, problem.system.dependent] = np.diag(slope)
     values = SimpleNamespace(jacobian=jacobian, hessian=np.zeros((1, m, m + 2, m + 2)), arms=None)
-    monkeypatch.setattr(module, "closure_derivatives", lambda problem, theta: values)
+    monkeypatch.setattr(module, "derivatives", lambda problem, theta: values)
     monkeypatch.setattr(module, "extents", lambda problem, boxes: np.full((1, 1), 1.0))
     monkeypatch.setattr(module, "third_bound", lambda *_: 2.0 * np.array([third]))
     monkeypatch.setattr(module, "solve_many", lambda matrix, right: np.array([u]) / module._ROOM)
@@ -377,52 +374,3 @@ def test_a_point_in_a_tube_is_in_it_up_to_roundings():
     tubes, boxes = tubes_of(rng, 1, 1), slanted(rng, 1)
     boxes = boxes._replace(x=tubes.x, half=np.zeros(1), radius=np.zeros((1, N)))
     borders_of(boxes, tubes, 1e-13, np.where(np.arange(N) == 1, 0.0, 1e-13), 1e-3)
-
-
-class InTurn:
-    """A runner that does one chunk after another, of boxes and tubes as plain arrays."""
-
-    def __init__(self, problem, done):
-        self.problem, self.done, self.seen = problem, done, []
-
-    def map(self, task, chunks):
-        assert task is settle_task
-        for arrays in chunks:
-            self.seen.append(arrays)
-            yield (self.done(self.problem, arrays),)
-
-
-def test_settled_boxes_are_dropped_and_no_others(monkeypatch):
-    """In chunks of two: all that is not worth a try stays, and what stays undone."""
-    rng, settles = np.random.default_rng(9), np.array([0, 1, 1, 1, 1, 1, 1])
-    boxes, tubes = boxes_of(rng, 7), tubes_of(rng, 9, ALONG)
-    nearest, worth = rng.integers(0, 9, (7, 3)), np.array([1, 1, 1, 0, 1, 1, 1], dtype=bool)
-    monkeypatch.setattr(module, "_CHUNK", 2)
-    nearby = SimpleNamespace(tubes=tubes, beside=lambda boxes: Beside(nearest, worth))
-
-    def done(problem, arrays):
-        some, number, beside = Candidates(*arrays[:4]), arrays[4], Tubes(*arrays[5:])
-        np.testing.assert_array_equal(beside.theta[number], tubes.theta[nearest[some.cell]])
-        return settles[some.cell]
-
-    runner = InTurn(None, done)
-    left = settle_boxes(runner, nearby, boxes)
-    np.testing.assert_array_equal(left.cell, [0, 3])
-    np.testing.assert_array_equal(left.centre, boxes.centre[[0, 3]])
-    assert [len(arrays[0]) for arrays in runner.seen] == [2, 2, 2]
-
-
-def test_a_chunk_is_asked_of_with_its_own_tubes(monkeypatch):
-    """And with bounds for any tree."""
-    rng, seen = np.random.default_rng(10), []
-    boxes, tubes, nearest = boxes_of(rng, 3), tubes_of(rng, 4, ALONG), rng.integers(0, 4, (3, 2))
-    problem = made_up()
-    problem.phasors = "planar"
-    monkeypatch.setattr(module, "settled_beside", lambda *given: seen.append(given) or np.array([True, False, True]))
-    (done,) = settle_task(problem, (*boxes, nearest, *tubes))
-    np.testing.assert_array_equal(done, [True, False, True])
-    asked, some, among, beside = seen[0]
-    assert asked.phasors is None
-    np.testing.assert_array_equal(some.slopes, boxes.slopes)
-    np.testing.assert_array_equal(beside, nearest)
-    np.testing.assert_array_equal(among.hull, tubes.hull)
