@@ -202,7 +202,7 @@ def own_solutions(problem: Problem, ranges: Ranges, q: Array, boxes: Boxes) -> M
     waiting, tried = over_all(problem, ranges, q, q), 0
     while True:
         waiting = narrowed_both(problem, ranges, waiting)
-        waiting = rows_of(waiting, ~known(problem, waiting, boxes))
+        waiting = rows_of(waiting, ~alone_over(problem, waiting, boxes))
         tried += len(waiting.cell)
         if not waiting.cell.size:
             break
@@ -218,7 +218,7 @@ def own_solutions(problem: Problem, ranges: Ranges, q: Array, boxes: Boxes) -> M
     return own
 
 
-def known(problem: Problem, waiting: Candidates, boxes: Boxes) -> Mask:
+def alone_over(problem: Problem, waiting: Candidates, boxes: Boxes) -> Mask:
     """Which candidates over one q hold no configuration but that of one of B boxes, of shape (K,)."""
     done, dependent = np.zeros(len(waiting.cell), dtype=np.bool_), problem.system.dependent
     for k in range(len(boxes.kappa)):

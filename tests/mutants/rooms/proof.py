@@ -103,7 +103,7 @@ ROOMS: tuple[Room, ...] = (
             "well_inside",
             "_parts",
             "own_solutions",
-            "known",
+            "alone_over",
             "within",
             "same",
             "different",
