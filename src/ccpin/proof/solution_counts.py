@@ -64,7 +64,7 @@ class CountedCells(ProvableClaim):
         require(excluded.singular, "what is excluded are not the singular ones")
         require(len(self.point) == len(boxes.kappa) and np.all(self.point < len(self.cell)), "a box over no q")
         self._require_over(boxes)
-        tree = tree_of(excluded.cut, excluded.child, len(excluded.lower))
+        tree = excluded.cells()
         part = _parts(tree, excluded, premises[0].found["empty"])
         require(self.cell < len(part), "a cell that is none")
         require(well_inside(excluded, tree, self.cell, self.q), "a q that is not in its cell")
