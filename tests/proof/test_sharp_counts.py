@@ -17,7 +17,7 @@ from ccpin.proof.narrowing import Candidates
 from ccpin.proof.newton import Boxes
 from ccpin.proof.ranges import NO_LIMIT, Ranges, Reason
 from ccpin.proof.rounding import SLACK
-from ccpin.proof.solution_counts import CompleteCells, CountedCells, different, known, own_solutions, same, within
+from ccpin.proof.solution_counts import CompleteCells, CountedCells, alone_over, different, own_solutions, same, within
 from ccpin.proof.solutions import SolutionsInBoxes
 from tests.support.straight import at_points, boxes_about, circles, straight
 
@@ -155,9 +155,9 @@ def test_a_candidate_is_known_where_one_is_alone_in_it(monkeypatch):
         return np.array([pair in alone for pair in zip(held.centre[:, 1], boxes.centre[:, 1], strict=True)], dtype=bool)
 
     monkeypatch.setattr(module, "alone_in", alone_in)
-    assert known(problem_of(1), waiting, boxes).tolist() == [True, True, False]
-    assert known(problem_of(1), waiting, boxes.take(np.array([0]))).tolist() == [True, False, False]
-    assert known(problem_of(1), waiting, boxes.take(np.array([], dtype=int))).tolist() == [False] * 3
+    assert alone_over(problem_of(1), waiting, boxes).tolist() == [True, True, False]
+    assert alone_over(problem_of(1), waiting, boxes.take(np.array([0]))).tolist() == [True, False, False]
+    assert alone_over(problem_of(1), waiting, boxes.take(np.array([], dtype=int))).tolist() == [False] * 3
 
 
 def points(q, *y, radius=0.1):
@@ -171,9 +171,9 @@ def test_candidates_a_turn_away_or_wider_than_both_are_not_known():
     boxes = points(0.25, -0.25)
     waiting = candidates_at([[-0.25], [-0.25], [-0.25], [-0.25 + TURN], [0.5]], [[0.5], [1.5], [3.2], [0.5], [0.75]])
     waiting.centre[:, 0] = 0.25
-    assert known(CIRCLE.problem, waiting, boxes).tolist() == [True, True, False, False, True]
+    assert alone_over(CIRCLE.problem, waiting, boxes).tolist() == [True, True, False, False, True]
     other = points(0.25, -0.25 + TURN)
-    assert known(CIRCLE.problem, waiting, other).tolist() == [False, False, False, True, False]
+    assert alone_over(CIRCLE.problem, waiting, other).tolist() == [False, False, False, True, False]
 
 
 # All over one q
@@ -247,7 +247,7 @@ def test_those_that_may_be_the_same_are_to_be(monkeypatch, alike, kept):
 def test_candidates_over_a_q_are_halved_while_that_is_due(monkeypatch):
     """One, two, four: seven are fewer than eight; where one that is left is not to be halved, nothing is known."""
     monkeypatch.setattr(module, "narrowed_both", lambda problem, ranges, waiting: waiting)
-    monkeypatch.setattr(module, "known", lambda problem, waiting, boxes: waiting.half[:, 1] < 0.2)
+    monkeypatch.setattr(module, "alone_over", lambda problem, waiting, boxes: waiting.half[:, 1] < 0.2)
     monkeypatch.setattr(module, "to_halve", lambda problem, waiting: (np.ones(len(waiting.cell), int), due(waiting)))
     none = rows_of(boxes_about([[0.0, 0.0]], 0.0, [[1.0]], 0.1), slice(0))
     for most, last, proved in ((8, -9.0, True), (7, -9.0, False), (8, 0.7, False), (8, 0.82, True)):

@@ -16,10 +16,10 @@ import numpy as np
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.proof.candidates import BEYOND, halved, narrowed_both, over_all, steepness, to_halve
-from ccpin.proof.cell_tree import WHOLE, CellRegion, HalvedTree, require_region, tree_of
+from ccpin.proof.cell_tree import WHOLE, CellRegion, CellsClaim, HalvedTree
 from ccpin.proof.emptiness import empty_by, empty_cells, ends_over, groups_of, platform_of
 from ccpin.proof.equations import Closures, Problem
-from ccpin.proof.facts import Examined, Fact, Form, NotProvedError, ProvableClaim, provable, require
+from ccpin.proof.facts import Examined, Fact, Form, NotProvedError, provable, require
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import Ranges, ranges_of
 from ccpin.proof.rounding import blur, widened
@@ -34,13 +34,12 @@ _DEEPER = 1  # halvings of each edge of a cell that the claim does not keep and 
 
 @provable
 @dataclass(frozen=True, eq=False)
-class Excluded(ProvableClaim):
+class Excluded(CellsClaim):
     """Over no q of some leaves is there a closed configuration that keeps the limits.
 
     `singular`: or none that is singular or at a limit.
 
     Attributes:
-        lower, upper, wrapped, cut, child: The region and the tree of its cells, as for `covers.RegionCover`.
         kept: Leaves of which nothing is to be said, of shape (T,).
         limits: Of the dependent coordinates, ±`NO_LIMIT` where there is none, of shape (m, 2).
         middle: Of full turns: where they are cut open, of shape (m,).
@@ -49,11 +48,6 @@ class Excluded(ProvableClaim):
     Found: `empty` (T,), the leaves of which this is proved.
     """
 
-    lower: Array
-    upper: Array
-    wrapped: Mask
-    cut: Indices
-    child: Indices
     kept: Mask
     limits: Array
     middle: Array
@@ -61,11 +55,7 @@ class Excluded(ProvableClaim):
     theorem = "counting"
     forms = MappingProxyType(
         {
-            "lower": Form("P"),
-            "upper": Form("P"),
-            "wrapped": Form("P", "b"),
-            "cut": Form("T", "i", 0),
-            "child": Form("T", "i", -1),
+            **CellsClaim.forms,
             "kept": Form("T", "b"),
             "limits": Form("M2"),
             "middle": Form("M"),
@@ -73,17 +63,11 @@ class Excluded(ProvableClaim):
         }
     )
 
-    @property
-    def region(self) -> CellRegion:
-        """The region."""
-        return CellRegion(self.lower, self.upper, self.wrapped)
-
     def examined(self, *premises: Fact) -> Examined:
         """Branch and prune down the tree, as far as a leaf below is not kept."""
         require(not premises, "what is excluded rests on nothing else")
         require(self.equations.system.moduli == 0.0, "rows modulo something hold elsewhere too")
-        require_region(self.equations, self.region)
-        tree = tree_of(self.cut, self.child, len(self.lower))
+        tree = self.cells()
         asked, problem, ranges = _asked(tree.reached, self.child, self.kept), self.equations.problem, self.ranges()
         root, tried, held = over_all(problem, ranges, self.lower, self.upper), 0, [np.zeros(0, dtype=np.intp)]
         with np.errstate(all="ignore"):
@@ -123,28 +107,22 @@ class Excluded(ProvableClaim):
 
 @provable
 @dataclass(frozen=True, eq=False)
-class Unreachable(ProvableClaim):
+class Unreachable(CellsClaim):
     """Over some leaves no closed configuration is, by the triangle inequality or by Theorem E with weights λ.
 
     Attributes:
-        lower, upper, wrapped, cut, child: The region and the tree of its cells, as for `covers.RegionCover`.
         cell: The leaves, of shape (K,).
         weights: λ of the legs of the platform (`emptiness.platform_of`), of shape (K, legs); without any: (K, 0).
 
     Found: `empty` (T,), the leaves of which this is proved.
     """
 
-    lower: Array
-    upper: Array
-    wrapped: Mask
-    cut: Indices
-    child: Indices
     cell: Indices
     weights: Array
     theorem = "platform"
     forms = MappingProxyType(
         {
-            **{name: Excluded.forms[name] for name in ("lower", "upper", "wrapped", "cut", "child")},
+            **CellsClaim.forms,
             "cell": Form("K", "i", 0),
             "weights": Form("Kl"),
         }
@@ -153,16 +131,14 @@ class Unreachable(ProvableClaim):
     def examined(self, *premises: Fact) -> Examined:
         """Both theorems, for all leaves."""
         require(not premises, "what is out of reach rests on nothing else")
-        system, region = self.equations.system, CellRegion(self.lower, self.upper, self.wrapped)
-        require_region(self.equations, region)
-        tree = tree_of(self.cut, self.child, len(self.lower))
+        system, tree = self.equations.system, self.cells()
         require((self.cell < len(self.child)) & (self.child[self.cell % len(self.child)] < 0), "no leaves")
         groups, platform = groups_of(system), platform_of(system)
         empty = np.zeros(len(self.child), dtype=np.bool_)
         for first in range(0, len(self.cell), _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
             cells, weights = self.cell[part], self.weights[part]
-            centre = region.position(tree.lower[cells] + 0.5 * tree.size[cells])[0]
+            centre = self.region.position(tree.lower[cells] + 0.5 * tree.size[cells])[0]
             half = 0.5 * (self.upper - self.lower) * (tree.size[cells] / WHOLE)
             proved = empty_cells(system, groups, centre, half)
             if platform is not None and weights.shape[1] == len(platform.lengths):

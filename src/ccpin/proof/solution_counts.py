@@ -64,7 +64,7 @@ class CountedCells(ProvableClaim):
         require(excluded.singular, "what is excluded are not the singular ones")
         require(len(self.point) == len(boxes.kappa) and np.all(self.point < len(self.cell)), "a box over no q")
         self._require_over(boxes)
-        tree = tree_of(excluded.cut, excluded.child, len(excluded.lower))
+        tree = excluded.cells()
         part = _parts(tree, excluded, premises[0].found["empty"])
         require(self.cell < len(part), "a cell that is none")
         require(well_inside(excluded, tree, self.cell, self.q), "a q that is not in its cell")
@@ -202,7 +202,7 @@ def own_solutions(problem: Problem, ranges: Ranges, q: Array, boxes: Boxes) -> M
     waiting, tried = over_all(problem, ranges, q, q), 0
     while True:
         waiting = narrowed_both(problem, ranges, waiting)
-        waiting = rows_of(waiting, ~known(problem, waiting, boxes))
+        waiting = rows_of(waiting, ~alone_over(problem, waiting, boxes))
         tried += len(waiting.cell)
         if not waiting.cell.size:
             break
@@ -218,7 +218,7 @@ def own_solutions(problem: Problem, ranges: Ranges, q: Array, boxes: Boxes) -> M
     return own
 
 
-def known(problem: Problem, waiting: Candidates, boxes: Boxes) -> Mask:
+def alone_over(problem: Problem, waiting: Candidates, boxes: Boxes) -> Mask:
     """Which candidates over one q hold no configuration but that of one of B boxes, of shape (K,)."""
     done, dependent = np.zeros(len(waiting.cell), dtype=np.bool_), problem.system.dependent
     for k in range(len(boxes.kappa)):

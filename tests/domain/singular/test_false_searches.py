@@ -1,5 +1,6 @@
 """Searches, files and merged parts that go wrong: whatever they lose or make up, nothing false is called proven."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -193,6 +194,12 @@ def test_facts_are_those_of_the_list(rpdr, honest):
     ):
         assert replace(honest, **other).verdict == "undecided"
     assert curves.SingularCover(**vars(honest)).verdict == "proven"
+
+
+def test_from_another_process_it_is_believed_once_it_is_replayed(honest):
+    """A pickled fact is a claim."""
+    sent = pickle.loads(pickle.dumps(honest))
+    assert (honest.verdict, sent.verdict, sent.replayed().verdict) == ("proven", "undecided", "proven")
 
 
 def shifted(problem):

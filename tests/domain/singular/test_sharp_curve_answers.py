@@ -278,6 +278,7 @@ def with_fact(monkeypatch, digest="ours", left=0, asked=True):
 
     monkeypatch.setattr(module, "closures_of", lambda problem: SimpleNamespace(digest="ours"))
     monkeypatch.setattr(module, "covers", covers)
+    monkeypatch.setattr(module, "Fact", SimpleNamespace)
     monkeypatch.setattr(module, "no_tubes", lambda problem: line(0.0).tubes.take(slice(0)))
     fact = SimpleNamespace(digest=digest, found={"lower": np.zeros((left, 2))})
     return replace(made, proved=ProvedCurves(None, None, fact))

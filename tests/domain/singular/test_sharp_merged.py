@@ -139,6 +139,17 @@ def test_a_whole_is_what_the_kernel_says_of_it(cover):
     assert (early.verdict, len(early.uncovered.lower), early.proved.covered) == ("undecided", 1, None)
 
 
+def test_what_one_part_is_not_proved_of_is_believed(cover, monkeypatch):
+    """Without facts, or without the one about the region: of the first part, or of another."""
+    monkeypatch.setattr(module, "concluded", lambda proposed, believed: believed)
+    assert not merge_covers([cover, cover])
+    for proved in (None, cover.proved._replace(covered=None)):
+        other = replace(cover, proved=proved)
+        assert merge_covers([cover, other])
+        assert merge_covers([other, cover])
+        assert merge_covers([other])
+
+
 def test_parts_of_other_things_are_refused(cover):
     """Other coordinates, other closures, other limits: each of them alone, and the part is named."""
     four_bar = certify_singularities(ccpin.load("rpdr", independent=["joint1", "joint3"]), ((2.0, 0.9), (2.01, 0.91)))

@@ -103,7 +103,7 @@ ROOMS: tuple[Room, ...] = (
             "well_inside",
             "_parts",
             "own_solutions",
-            "known",
+            "alone_over",
             "within",
             "same",
             "different",
@@ -124,7 +124,7 @@ ROOMS: tuple[Room, ...] = (
     Room("proof/covers", ("one_function",), ("proof/test_sharp_covers.py",)),
     Room(
         "proof/cell_tree",
-        ("_NEARLY", "CellRegion.position", "require_region", "lie_within"),
+        ("_NEARLY", "CellRegion.position", "require_region", "CellsClaim.cells", "lie_within"),
         ("proof/test_sharp_regions.py",),
     ),
     Room(

@@ -36,7 +36,7 @@ from ccpin.proof.equations import Problem
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.newton import Boxes
 from ccpin.proof.ranges import Ranges
-from ccpin.proof.solution_counts import known, within
+from ccpin.proof.solution_counts import alone_over, within
 from ccpin.proof.solutions import TURN
 
 _NEWTON = 12  # steps
@@ -106,7 +106,7 @@ def all_solutions(problem: Problem, ranges: Ranges, q: Array) -> Boxes:
         if not waiting.cell.size:
             break
         found = joined([found, _others(problem, found, _near(problem, ranges, waiting))])
-        waiting = rows_of(waiting, ~known(problem, waiting, found))
+        waiting = rows_of(waiting, ~alone_over(problem, waiting, found))
         cut, due = to_halve(problem, waiting)
         if not np.all(due):
             break

@@ -157,7 +157,8 @@ class SingularCover:
     @property
     def _covered(self) -> Fact | None:
         """The fact about the region, if there is one."""
-        return None if self.proved is None else self.proved.covered
+        covered = None if self.proved is None else self.proved.covered
+        return covered if isinstance(covered, Fact) else None  # from another process it is none until it is replayed
 
     @property
     def _tubes(self) -> Tubes:
