@@ -8,7 +8,7 @@ import pytest
 
 from ccpin.arrays import rows_of
 from ccpin.proof import candidates as module
-from ccpin.proof.candidates import halved, handed_down, over_all
+from ccpin.proof.candidates import halved, over_all
 from ccpin.proof.equations import Problem
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import Ranges, Reason
@@ -161,11 +161,3 @@ def test_halves_are_wider_by_roundings_only():
         assert half[1] - 4.0 == pytest.approx(q, rel=0.2)
     np.testing.assert_array_equal(found.slopes, np.tile(boxes.slopes, (2, 1, 1)))
     assert found.cell.tolist() == [0, 0]
-
-
-def test_cells_are_halved_along_their_own_coordinates():
-    """Both halves, the upper one's number one more; the candidates of each in their order."""
-    boxes = boxes_of(np.zeros((2, SIZE)), np.ones((2, SIZE)))._replace(cell=np.array([3, 1]))
-    found = handed_down(made_up(), np.array([9, 1, 9, 0]), np.array([9, 4, 9, 7]), boxes)
-    assert found.cell.tolist() == [7, 4, 8, 5]
-    np.testing.assert_array_equal(found.centre[:, [1, 3]], [[-0.5, 0.0], [0.0, -0.5], [0.5, 0.0], [0.0, 0.5]])

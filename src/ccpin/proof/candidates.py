@@ -113,10 +113,3 @@ def halved(problem: Problem, boxes: Candidates, cut: Indices) -> Candidates:
         grown[:, system.dependent] += apply(np.abs(boxes.slopes), spare[:, system.independent])
         parts.append(boxes._replace(centre=centre, half=grown))
     return joined(parts)
-
-
-def handed_down(problem: Problem, cut: Indices, child: Indices, waiting: Candidates) -> Candidates:
-    """The candidates over the two halves of their cells: cell k is halved along q's coordinate `cut[k]`."""
-    halves = halved(problem, waiting, problem.system.independent[cut[waiting.cell]])
-    below = child[waiting.cell]
-    return halves._replace(cell=np.concatenate([below, below + 1]))

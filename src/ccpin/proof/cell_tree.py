@@ -32,7 +32,7 @@ class CellRegion(NamedTuple):
     upper: Array
     wrapped: Mask
 
-    def position(self, corner: Integers) -> tuple[Array, Array]:
+    def position(self, corner: Integers | Array) -> tuple[Array, Array]:
         """Whole-number coordinates as points of q-space, sums of two doubles."""
         share = corner / WHOLE
         width, of_width = sum_of(self.upper, -self.lower)

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Protocol
 
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.proof.candidates import BEYOND, halved, narrowed_both, over_all, steepness, to_halve
-from ccpin.proof.cell_tree import WHOLE, CellRegion, CellsClaim, HalvedTree
+from ccpin.proof.cell_tree import WHOLE, CellRegion, CellsClaim, Integers
 from ccpin.proof.emptiness import empty_by, empty_cells, ends_over, groups_of, platform_of
 from ccpin.proof.equations import Closures, Problem
 from ccpin.proof.facts import Examined, Fact, Form, NotProvedError, provable, require
@@ -78,9 +79,7 @@ class Excluded(CellsClaim):
                 waiting = _settled(problem, ranges, waiting, bool(self.singular[0]))
                 leaves = self.child[waiting.cell] < 0
                 held.append(self._held(problem, ranges, rows_of(waiting, leaves)))
-                waiting = rows_of(waiting, ~leaves)
-                halves = [waiting._replace(cell=self.child[waiting.cell] + side) for side in (0, 1)]
-                waiting = over_cells(problem, self.region, tree, joined(halves))
+                waiting = handed_down(problem, self.region, tree, self.child, rows_of(waiting, ~leaves))
         empty = tree.reached & (self.child < 0) & ~self.kept
         empty[np.concatenate(held)] = False
         return Examined(np.ones(1, dtype=np.bool_), {"empty": empty})
@@ -162,7 +161,22 @@ def ranges_over_region(equations: Closures, region: tuple[Array, Array], limits:
         raise NotProvedError(str(error)) from error
 
 
-def over_cells(problem: Problem, region: CellRegion, tree: HalvedTree, waiting: Candidates) -> Candidates:
+class HasCorners(Protocol):
+    """Cells: `lower` corners and `size` in units of 2⁻³² of the region, (T, n) each."""
+
+    lower: Integers
+    size: Integers
+
+
+def handed_down(
+    problem: Problem, region: CellRegion, tree: HasCorners, child: Indices, waiting: Candidates
+) -> Candidates:
+    """The candidates over both halves of their cells."""
+    halves = [waiting._replace(cell=child[waiting.cell] + side) for side in (0, 1)]
+    return over_cells(problem, region, tree, joined(halves))
+
+
+def over_cells(problem: Problem, region: CellRegion, tree: HasCorners, waiting: Candidates) -> Candidates:
     """What candidates hold over their cells, and `BEYOND` more each way, but where the region has no width.
 
     |y − y_c − S(q − q_c)| ≤ h_y is the same from whatever q_c it is measured, y_c moved with it: here from the cell's

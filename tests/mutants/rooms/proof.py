@@ -75,12 +75,12 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "proof/candidates",
-        ("BEYOND", "over_all", "narrowed_both", "beyond", "_extent", "halved", "handed_down"),
+        ("BEYOND", "over_all", "narrowed_both", "beyond", "_extent", "halved"),
         ("proof/test_sharp_waiting.py",),
     ),
     Room(
         "proof/exhausted",
-        ("Excluded.examined", "ranges_over_region", "over_cells", "_asked"),
+        ("Excluded.examined", "ranges_over_region", "handed_down", "over_cells", "_asked"),
         ("proof/test_sharp_exhausted.py",),
         (
             ("leaves = self.child[waiting.cell] < 0", "0 let in", _ROOT),

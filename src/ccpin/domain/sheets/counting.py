@@ -30,9 +30,10 @@ from ccpin.covering.proposals.solving import newton
 from ccpin.covering.pruning import Pruning
 from ccpin.covering.region import Region
 from ccpin.covering.runner import Arrays, Report, Runner
-from ccpin.proof.candidates import halved, handed_down, narrowed_both, over_all, steepness, to_halve
+from ccpin.proof.candidates import halved, narrowed_both, over_all, steepness, to_halve
 from ccpin.proof.cell_tree import LEVELS, WHOLE
 from ccpin.proof.equations import Problem
+from ccpin.proof.exhausted import handed_down
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.newton import Boxes
 from ccpin.proof.ranges import Ranges
@@ -155,4 +156,4 @@ def _halve_cells(
     np.maximum.at(stretch, at, jacobian)
     moved = np.where(np.isfinite(stretch), stretch, 0.0) * (tree.size[cells] / WHOLE) * region.width
     tree.split(cells, np.argmax(np.where(tree.size[cells] > smallest, moved, -1.0), axis=1))
-    return handed_down(problem, tree.cut, tree.child, waiting)
+    return handed_down(problem, region.corners, tree, tree.child, waiting)
