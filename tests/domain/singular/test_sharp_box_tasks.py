@@ -10,26 +10,9 @@ from ccpin.proof.curves.settled_boxes import Beside
 from ccpin.proof.curves.tubes import Tubes
 from ccpin.proof.narrowing import Candidates
 from tests.support.made_up import made_up
+from tests.support.waiting import any_boxes, any_tubes
 
 N, ALONG = 6, 4  # coordinates of x, and the one that tubes run along
-
-
-def boxes_of(rng, count, m=2):
-    """Any boxes, numbered by their cells."""
-    size = 2 + m
-    centre, half = rng.normal(size=(count, size)), rng.uniform(0.1, 0.5, (count, size))
-    return Candidates(np.arange(count), centre, half, rng.normal(size=(count, m, 2)))
-
-
-def tubes_of(rng, count, along, n=N, m=2):
-    """Any tubes that run along one coordinate."""
-    tangent, radius = rng.uniform(-1, 1, (count, n)), rng.uniform(0.1, 0.5, (count, n))
-    tangent[:, along], radius[:, along] = rng.choice([-1.0, 1.0], count), 0.0
-    x = rng.normal(size=(count, n))
-    return Tubes(
-        x[:, : n - m], x[:, n - m :], rng.normal(size=(count, m)), np.full(count, along), tangent, np.full(count, 0.4),
-        radius, np.zeros((count, n, n - 1)), np.zeros(count), radius,
-    )  # fmt: skip
 
 
 class InTurn:
@@ -48,7 +31,7 @@ class InTurn:
 def test_settled_boxes_are_dropped_and_no_others(monkeypatch):
     """In chunks of two: all that is not worth a try stays, and what stays undone."""
     rng, settles = np.random.default_rng(9), np.array([0, 1, 1, 1, 1, 1, 1])
-    boxes, tubes = boxes_of(rng, 7), tubes_of(rng, 9, ALONG)
+    boxes, tubes = any_boxes(rng, 7), any_tubes(rng, 9, ALONG)
     nearest, worth = rng.integers(0, 9, (7, 3)), np.array([1, 1, 1, 0, 1, 1, 1], dtype=bool)
     monkeypatch.setattr(module, "_CHUNK", 2)
     nearby = SimpleNamespace(tubes=tubes, beside=lambda boxes: Beside(nearest, worth))
@@ -68,7 +51,7 @@ def test_settled_boxes_are_dropped_and_no_others(monkeypatch):
 def test_a_chunk_is_asked_of_with_its_own_tubes(monkeypatch):
     """And with bounds for any tree."""
     rng, seen = np.random.default_rng(10), []
-    boxes, tubes, nearest = boxes_of(rng, 3), tubes_of(rng, 4, ALONG), rng.integers(0, 4, (3, 2))
+    boxes, tubes, nearest = any_boxes(rng, 3), any_tubes(rng, 4, ALONG), rng.integers(0, 4, (3, 2))
     problem = made_up()
     problem.phasors = "planar"
     monkeypatch.setattr(module, "settled_beside", lambda *given: seen.append(given) or np.array([True, False, True]))
