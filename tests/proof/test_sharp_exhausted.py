@@ -11,10 +11,10 @@ from ccpin.arrays import rows_of
 from ccpin.proof import exhausted as module
 from ccpin.proof.cell_tree import WHOLE, CellRegion, HalvedTree, tree_of
 from ccpin.proof.equations import Closures
-from ccpin.proof.exhausted import Excluded, over_cells, ranges_over_region
+from ccpin.proof.exhausted import Excluded, over_cells
 from ccpin.proof.facts import NotProvedError, prove
 from ccpin.proof.narrowing import Candidates
-from ccpin.proof.ranges import NO_LIMIT
+from ccpin.proof.ranges import NO_LIMIT, proved_ranges
 from ccpin.work import Stopped, stoppable
 from tests.support.made_up import made_up
 from tests.support.straight import arm, circles, problem_by_hand, straight
@@ -90,7 +90,7 @@ def test_leaves_that_are_kept_or_not_reached_are_not_spoken_of():
 
 def test_full_turns_are_about_the_middle_that_is_told():
     for middle in (0.0, 5.0):
-        ranges = ranges_over_region(circles(), (np.zeros(1), np.ones(1)), excluded(circles()).limits, middle)
+        ranges = proved_ranges(circles().system, middle, (np.zeros(1), np.ones(1)), excluded(circles()).limits)
         np.testing.assert_allclose([ranges.lower, ranges.upper], [[middle - np.pi], [middle + np.pi]])
         claim = excluded(circles(), middle=np.array([middle]))
         np.testing.assert_array_equal(claim.ranges().lower, ranges.lower)

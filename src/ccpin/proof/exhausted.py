@@ -15,14 +15,13 @@ from typing import Protocol
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
-from ccpin.errors import UnsupportedMechanismError
 from ccpin.proof.candidates import BEYOND, halved, narrowed_both, over_all, steepness, to_halve
 from ccpin.proof.cell_tree import WHOLE, CellRegion, CellsClaim, Integers
 from ccpin.proof.emptiness import empty_by, empty_cells, ends_over, groups_of, platform_of
-from ccpin.proof.equations import Closures, Problem
-from ccpin.proof.facts import Examined, Fact, Form, NotProvedError, provable, require
+from ccpin.proof.equations import Problem
+from ccpin.proof.facts import Examined, Fact, Form, provable, require
 from ccpin.proof.narrowing import Candidates
-from ccpin.proof.ranges import Ranges, ranges_of
+from ccpin.proof.ranges import Ranges, proved_ranges
 from ccpin.proof.rounding import blur, widened
 from ccpin.work import check
 
@@ -90,7 +89,7 @@ class Excluded(CellsClaim):
         Raises:
             NotProvedError: One is not bounded.
         """
-        return ranges_over_region(self.equations, (self.lower, self.upper), self.limits, self.middle)
+        return proved_ranges(self.equations.system, self.middle, (self.lower, self.upper), self.limits)
 
     def _held(self, problem: Problem, ranges: Ranges, waiting: Candidates) -> Indices:
         """The leaves over which something is left of candidates, if these are halved a few times more."""
@@ -145,20 +144,6 @@ class Unreachable(CellsClaim):
                     proved |= empty_by(platform, ends_over(system, platform, centre, half), weights)[0]
             empty[cells[proved]] = True
         return Examined(np.ones(1, dtype=np.bool_), {"empty": empty & tree.reached})
-
-
-def ranges_over_region(equations: Closures, region: tuple[Array, Array], limits: Array, middle: Array) -> Ranges:
-    """What is searched of the dependent coordinates over a region (lower, upper), full turns about `middle` (m,).
-
-    Raises:
-        NotProvedError: One has no bounds.
-    """
-    system, theta = equations.system, np.zeros(equations.system.n_free)
-    theta[system.dependent] = middle
-    try:
-        return ranges_of(system, theta, region, limits, [str(j) for j in range(system.n_free)])
-    except UnsupportedMechanismError as error:
-        raise NotProvedError(str(error)) from error
 
 
 class HasCorners(Protocol):

@@ -102,7 +102,6 @@ ROOMS: tuple[Room, ...] = (
             "narrowed_to_singular",
             "halved_steepest",
             "SingularCovered.examined",
-            "SingularCovered._ranges",
             "_pruned",
             "covers",
         ),

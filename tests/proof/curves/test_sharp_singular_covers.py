@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from ccpin.arrays import joined, rows_of
-from ccpin.errors import UnsupportedMechanismError
 from ccpin.proof.curves import singular_covers as module
 from ccpin.proof.curves.settled_boxes import Beside
-from ccpin.proof.curves.singular_covers import SingularCovered, covers, ended_by, halved_steepest, narrowed_to_singular
+from ccpin.proof.curves.singular_covers import SingularCovered, covers, halved_steepest, narrowed_to_singular
 from ccpin.proof.curves.tubes import Stated
 from ccpin.proof.facts import NotProvedError
 from ccpin.proof.narrowing import Candidates
@@ -110,7 +109,7 @@ def claim_of(resolution=0.2, most=100, n=2, **others):
 @pytest.fixture
 def told(monkeypatch):
     """Branch and prune where it is told which boxes are dropped, by number; halves have numbers + 100 · 2^k."""
-    made = SimpleNamespace(first=edged(1.0), dropped=[], waves=[], tubes=0, parts=[])
+    made = SimpleNamespace(first=edged(1.0), dropped=[], waves=[], tubes=0, parts=[], asked=[])
 
     def pruned(problem, ranges, nearby, boxes):
         made.parts.append(len(boxes.cell))
@@ -125,7 +124,7 @@ def told(monkeypatch):
     monkeypatch.setattr(module, "_pruned", pruned)
     monkeypatch.setattr(module, "halved_steepest", halves)
     monkeypatch.setattr(module, "over_all", lambda problem, ranges, lower, upper: made.first)
-    monkeypatch.setattr(module, "ranges_of", lambda *given: given)
+    monkeypatch.setattr(module, "proved_ranges", lambda *given: made.asked.append(given))
     monkeypatch.setattr(module, "tubes_of", lambda equations, facts: SimpleNamespace(half=np.zeros(made.tubes)))
     monkeypatch.setattr(module, "Nearby", lambda problem, tubes: (problem.phasors, tubes))
     return made
@@ -175,17 +174,18 @@ def test_nothing_waits_and_nothing_is_listed(told):
     assert (len(found["lower"]), found["tried"][0], found["early"][0]) == (0, 1, False)
 
 
-def test_what_waits_when_a_flag_is_set_is_listed(told):
+def test_what_waits_when_a_flag_is_set_is_listed(told, monkeypatch):
     """Before a wave, between its chunks, and not when that is over."""
     told.first = edged(0.5)
-    with ended_by(lambda: True):
-        found = claim_of().examined().found
+    monkeypatch.setattr(module, "ended", lambda: True)
+    found = claim_of().examined().found
     assert (told.parts, len(found["lower"]), found["tried"][0], found["early"][0]) == ([], 1, 0, True)
     told.first, told.dropped = edged(*1500 * [0.5]), list(range(1500))
-    with ended_by(lambda: bool(told.parts)):
-        found = claim_of().examined().found
+    monkeypatch.setattr(module, "ended", lambda: bool(told.parts))
+    found = claim_of().examined().found
     assert (told.parts, len(found["lower"]), found["tried"][0], found["early"][0]) == ([1000], 1000, 1500, True)
     told.parts = []
+    monkeypatch.setattr(module, "ended", lambda: False)
     assert not len(claim_of().examined().found["lower"])
     assert told.parts == [1000, 500]
     assert claim_of().examined().proved.tolist() == [True]
@@ -213,22 +213,14 @@ def test_regions_and_limits_that_are_none(told):
     claim_of(lower=np.ones(2), limits=np.zeros((2, 2))).examined()
 
 
-def test_ranges_are_derived(told, monkeypatch):
-    """Of the claim's own numbers; where there are none it is no claim."""
-    claim = claim_of()
-    closures, middle, region, limits, names = claim._ranges()
+def test_ranges_are_derived(told):
+    """Of the claim's own numbers; of θ in the middle of full turns the dependent coordinates."""
+    claim = claim_of(middle=np.arange(float(SIZE)))
+    claim.examined()
+    ((closures, middle, region, limits),) = told.asked
     assert closures is claim.equations.system
-    assert (middle is claim.middle, region[0] is claim.lower, region[1] is claim.upper, limits is claim.limits) == 4 * (
-        True,
-    )
-    assert len(names) == SIZE
-
-    def unbounded(*_):
-        raise UnsupportedMechanismError("no range")
-
-    monkeypatch.setattr(module, "ranges_of", unbounded)
-    with pytest.raises(NotProvedError, match="no range"):
-        claim.examined()
+    assert middle.tolist() == [0.0, 2.0]
+    assert (region[0] is claim.lower, region[1] is claim.upper, limits is claim.limits) == 3 * (True,)
 
 
 def test_a_fact_is_about_its_own_numbers(monkeypatch):

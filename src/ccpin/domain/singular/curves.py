@@ -27,7 +27,7 @@ from ccpin.domain.singular.following import TubeChain
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.curves.settled_boxes import Nearby, extents
-from ccpin.proof.curves.singular_covers import covers, ended_by
+from ccpin.proof.curves.singular_covers import covers
 from ccpin.proof.curves.tube_claims import tubes_of
 from ccpin.proof.curves.tubes import Points, Stated, Tubes, no_tubes, stated, zeros_in
 from ccpin.proof.digests import Digests, require_same
@@ -413,8 +413,7 @@ def searched(
             ranges=place.ranges,
             source=None if before is None else before.source,
         )
-        with ended_by(flag.is_set):
-            return concluded(proposed, problem)
+        return concluded(proposed, problem)
 
 
 def concluded(cover: SingularCover, problem: Problem | None = None, believed: bool = False) -> SingularCover:

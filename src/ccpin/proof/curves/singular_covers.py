@@ -8,37 +8,23 @@ the start, and whoever found them is not believed: what was missed is in a box t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 
 from ccpin.arrays import Array, Indices, joined, rows_of
-from ccpin.errors import UnsupportedMechanismError
 from ccpin.proof.candidates import beyond, halved, over_all, rows_to_halve_for
 from ccpin.proof.curves.settled_boxes import Nearby, extents, settled_beside
 from ccpin.proof.curves.tube_claims import tubes_of
 from ccpin.proof.curves.tubes import Stated, stated
 from ccpin.proof.equations import Problem, derivatives
-from ccpin.proof.facts import Examined, Fact, Form, NotProvedError, ProvableClaim, provable, require
+from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
 from ccpin.proof.narrowing import Candidates, narrowed
-from ccpin.proof.ranges import Ranges, ranges_of
+from ccpin.proof.ranges import Ranges, proved_ranges
+from ccpin.work import ended
 
 _CHUNK = 1000  # boxes at once: bounds memory
-_ENDED: ContextVar[Callable[[], bool]] = ContextVar("ended", default=lambda: False)
-
-
-@contextmanager
-def ended_by(flag: Callable[[], bool]) -> Iterator[None]:
-    """Have a check end as soon as a flag says so: what waits then is listed, so that nothing false comes of it."""
-    token = _ENDED.set(flag)
-    try:
-        yield
-    finally:
-        _ENDED.reset(token)
 
 
 def narrowed_to_singular(problem: Problem, ranges: Ranges, boxes: Candidates) -> Candidates:
@@ -71,7 +57,7 @@ class SingularCovered(ProvableClaim):
             with a full turn they say nothing; of shape (m, 2).
         middle: θ in the middle of full turns, of shape (n′,).
         resolution: Boxes narrower than this each way are not halved, of shape (1,).
-        most: How many boxes may be looked at, of shape (1,); those that wait then are listed.
+        most: How many boxes may be looked at, of shape (1,); those that wait then, or where work is to end, are listed.
 
     Found: `lower` and `upper` (K, N) of the boxes; `tried` (1,), how many were looked at; `early` (1,), whether boxes
     are listed that were to be halved.
@@ -100,12 +86,12 @@ class SingularCovered(ProvableClaim):
         require(self.equations.system.n == 2, "singular configurations that are no curves")
         require(self.lower <= self.upper, "a region with its corners exchanged")
         require(self.limits[:, 0] <= self.limits[:, 1], "limits that are exchanged")
-        tubes, problem, ranges = tubes_of(self.equations, premises), self.equations.problem, self._ranges()
+        system, problem, tubes = self.equations.system, self.equations.problem, tubes_of(self.equations, premises)
+        ranges = proved_ranges(system, self.middle[system.dependent], (self.lower, self.upper), self.limits)
         plain = problem._replace(phasors=None)
         nearby = Nearby(plain, tubes) if len(tubes.half) else None
         waiting, tried = over_all(problem, ranges, self.lower, self.upper), 0
         left = [rows_of(waiting, slice(0))]
-        ended = _ENDED.get()
         while waiting.cell.size and tried <= self.most[0] and not ended():
             tried += len(waiting.cell)
             parts = [rows_of(waiting, slice(first, first + _CHUNK)) for first in range(0, len(waiting.cell), _CHUNK)]
@@ -124,14 +110,6 @@ class SingularCovered(ProvableClaim):
                 "early": np.array([waiting.cell.size > 0]),
             },
         )
-
-    def _ranges(self) -> Ranges:
-        """What is searched of the dependent coordinates (Lemma R)."""
-        names = [f"coordinate {j}" for j in range(len(self.middle))]
-        try:
-            return ranges_of(self.equations.system, self.middle, (self.lower, self.upper), self.limits, names)
-        except UnsupportedMechanismError as error:
-            raise NotProvedError(str(error)) from error
 
 
 def _pruned(problem: Problem, ranges: Ranges, nearby: Nearby | None, boxes: Candidates) -> Candidates:
