@@ -147,10 +147,15 @@ class Unreachable(CellsClaim):
 
 
 class HasCorners(Protocol):
-    """Cells: `lower` corners and `size` in units of 2⁻³² of the region, (T, n) each."""
+    """Cells, in units of 2⁻³² of their region."""
 
-    lower: Integers
-    size: Integers
+    @property
+    def lower(self) -> Integers:
+        """Lower corners, of shape (T, n)."""
+
+    @property
+    def size(self) -> Integers:
+        """Edge lengths, of shape (T, n)."""
 
 
 def handed_down(
