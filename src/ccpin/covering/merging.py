@@ -15,8 +15,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.proof.cell_tree import WHOLE, Integers
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes
-from ccpin.proof.rounding import UNIT_ROUNDOFF
-from ccpin.proof.solutions import TURN
+from ccpin.proof.rounding import TURN, UNIT_ROUNDOFF
 
 _TURN = 1e-9
 _SPARE, _SPARE_ROUNDINGS = 8e-15, Fraction(19, 10)  # of the lemma of `ccpin.proof.rounding`

@@ -16,8 +16,7 @@ from ccpin.arrays import Array, Indices, Mask, joined, rows_of
 from ccpin.proof.equations import Closures
 from ccpin.proof.facts import Form, ProvableClaim, require
 from ccpin.proof.newton import Boxes
-from ccpin.proof.rounding import LEAST, ROUNDINGS, UNIT_ROUNDOFF, product_of, sum_of
-from ccpin.proof.solutions import TURN
+from ccpin.proof.rounding import LEAST, ROUNDINGS, TURN, UNIT_ROUNDOFF, product_of, sum_of
 
 LEVELS = 32  # halvings of an edge of the region: its units are 2⁻³²
 WHOLE = 1 << LEVELS

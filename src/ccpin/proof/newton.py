@@ -15,7 +15,7 @@ from ccpin.errors import ConvergenceError
 from ccpin.proof.bounds import Bounds, Frame
 from ccpin.proof.chains import ClosureSystem
 from ccpin.proof.equations import Closures, Problem, closure_values, closures_of
-from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, blur, widened
+from ccpin.proof.rounding import SLACK, TURN, UNIT_ROUNDOFF, blur, widened
 
 _PART = 256  # boxes at once: bounds memory
 _POWERS = 8  # steps: more find a w where κ is nearly 1, and none is believed without its inequality
@@ -222,7 +222,7 @@ def _step(
 
 def without_turns(gap: Array, periodic: Mask) -> Array:
     """Differences (…, k) without the whole turns of those of the k coordinates that are periodic."""
-    return np.asarray(gap - np.where(periodic, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0))
+    return np.asarray(gap - np.where(periodic, TURN * np.round(gap / TURN), 0.0))
 
 
 def within(problem: Problem, boxes: Boxes, delta: Array) -> Mask:

@@ -22,6 +22,8 @@ import numpy as np
 from ccpin.arrays import Array
 
 UNIT_ROUNDOFF = 2.0**-53
+TURN = 2.0 * np.pi
+"""The double nearest to 2π, 2.21 unit roundoffs off."""
 SLACK = 1.0 + 1e-10
 """Inequalities between sums and products of nonnegative doubles, whose errors are below 1e-12, are compared with it."""
 LEAST = 1e-14

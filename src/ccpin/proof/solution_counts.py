@@ -25,8 +25,8 @@ from ccpin.proof.facts import Examined, Fact, Form, NotProvedError, ProvableClai
 from ccpin.proof.narrowing import Candidates, alone_in
 from ccpin.proof.newton import Boxes, without_turns
 from ccpin.proof.ranges import Ranges
-from ccpin.proof.rounding import SLACK, blur, sum_of
-from ccpin.proof.solutions import TURN, at_centres, boxes_of
+from ccpin.proof.rounding import SLACK, TURN, blur, sum_of
+from ccpin.proof.solutions import at_centres, boxes_of
 
 _MOST = 1_000_000  # candidates over one q
 _INNER = 0.25  # of a cell: so far from its middle a q is surely in it

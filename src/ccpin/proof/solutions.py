@@ -18,10 +18,9 @@ from ccpin.arrays import Array, Indices, Mask, apply, joined
 from ccpin.proof.equations import Closures
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
 from ccpin.proof.newton import Boxes, SolutionBall, TubesAt, check, in_tubes, noise_of, reached
-from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, product_of, sum_of
+from ccpin.proof.rounding import SLACK, TURN, UNIT_ROUNDOFF, product_of, sum_of
 
 _PART = 256  # pairs of boxes at once: bounds memory
-TURN = 2.0 * np.pi
 _PI_OFF = 8.5 * UNIT_ROUNDOFF  # 2π as a double is off by 2.21u, a product of it by 2πu a turn at most
 
 

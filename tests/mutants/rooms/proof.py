@@ -25,7 +25,6 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "proof/solutions",
         (
-            "TURN",
             "_PI_OFF",
             "boxes_of",
             "_tubes_of",
@@ -366,6 +365,7 @@ ROOMS: tuple[Room, ...] = (
             ("alone & np.isfinite", "any instead of all", "Zw < w fails where Z is no number"),
         ),
     ),
+    Room("proof/rounding", ("TURN",), ("proof/test_sharp_solutions.py",)),
     Room(
         "proof/rounding",
         ("sum_of", "product_of", "_halves"),

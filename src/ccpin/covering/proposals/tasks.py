@@ -17,6 +17,7 @@ from ccpin.native.certifier import certifier
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes
 from ccpin.proof.requirements import meets
+from ccpin.proof.rounding import TURN
 
 _AT_FACE, _AT_CENTRE = 5, 10  # Newton's steps
 _NEAR = 1e-4  # at a face: σ is only passed there
@@ -100,10 +101,10 @@ def _spread(array: Array, rows: Indices, count: int) -> Array:
 def _turned(problem: Problem, theta: Array, turn_to: Array) -> Array:
     """Turn periodic dependent coordinates by whole turns to within half a turn of a reference."""
     system = problem.system
-    turns = np.round((theta - turn_to) / (2.0 * np.pi))
+    turns = np.round((theta - turn_to) / TURN)
     movable = system.periodic.copy()
     movable[system.independent] = False
-    return np.where(movable & np.isfinite(turns), theta - 2.0 * np.pi * turns, theta)
+    return np.where(movable & np.isfinite(turns), theta - TURN * turns, theta)
 
 
 def prove_cells(runner: Runner, cells: CellsToProve, chunk: int) -> Proved:

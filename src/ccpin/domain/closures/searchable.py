@@ -12,7 +12,7 @@ from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.coordinates import component_names
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.ranges import NO_LIMIT, Ranges, ranges_of
-from ccpin.proof.solutions import TURN
+from ccpin.proof.rounding import TURN
 
 _SLACK = 1e-9  # rad: what a full turn may lack
 _MOST_INDEPENDENT = 3  # cells double with every halving of every edge

@@ -16,8 +16,7 @@ from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.errors import InvalidInputError
 from ccpin.proof.cell_tree import WHOLE, tree_of
 from ccpin.proof.facts import NotProvedError
-from ccpin.proof.rounding import widened
-from ccpin.proof.solutions import TURN
+from ccpin.proof.rounding import TURN, widened
 
 _LARGEST = 1e9  # m or rad: of no mechanism; squares of it are far from overflowing
 _MODERATE = ("tip", "translations", "weights", "rotations", "axes")

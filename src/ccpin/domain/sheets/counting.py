@@ -37,8 +37,8 @@ from ccpin.proof.exhausted import handed_down
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.newton import Boxes
 from ccpin.proof.ranges import Ranges
+from ccpin.proof.rounding import TURN
 from ccpin.proof.solution_counts import alone_over, within
-from ccpin.proof.solutions import TURN
 
 _NEWTON = 12  # steps
 _WIDEST = 1.5  # rad: wider candidates are halved before Newton's method is tried from their middle

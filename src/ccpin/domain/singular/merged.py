@@ -32,7 +32,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.proof.candidates import BEYOND
 from ccpin.proof.equations import Problem
 from ccpin.proof.ranges import ranges_over
-from ccpin.proof.solutions import TURN
+from ccpin.proof.rounding import TURN
 
 _ALIGNED = 0.1 * BEYOND  # of bounds (rad, m)
 _LIMITS = ("interrupted", "budget")

@@ -16,8 +16,7 @@ from ccpin.proof.curves.tubes import Frames, Points, Tubes, bounds_of, frames_at
 from ccpin.proof.equations import Problem, derivatives, third_bound
 from ccpin.proof.narrowing import Candidates, directions
 from ccpin.proof.newton import without_turns
-from ccpin.proof.rounding import SLACK, blur
-from ccpin.proof.solutions import TURN
+from ccpin.proof.rounding import SLACK, TURN, blur
 
 _BESIDE, _ABOUT = 3, 8
 _WORTH = 2.5  # half lengths: wider boxes are in no tube, and seldom shown to be empty
