@@ -15,9 +15,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, joined
-from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.potential import Potential, gravity_bounds
-from ccpin.control.stability.set_point.well import Well, wells
+from ccpin.control.stability.set_point.well import SetPoint, Well, wells
 from ccpin.covering.proposals.solving import glued
 from ccpin.covering.proposals.tasks import CellsToProve, prove
 from ccpin.domain.closures.system import Reading
@@ -82,7 +81,7 @@ class CellStore:
     Args:
         reading: The closures, and how their coordinates and configurations correspond.
         potential: V′ in the same chart.
-        law: The set point and K_p.
+        law: The law's numbers.
         lattice: (corner of cell (0, …, 0), edge lengths) of a lattice that may grow; ``None``: it may not.
 
     Attributes:
@@ -91,7 +90,7 @@ class CellStore:
     """
 
     def __init__(
-        self, reading: Reading, potential: Potential, law: PDSimpleGravity, lattice: tuple[Array, Array] | None
+        self, reading: Reading, potential: Potential, law: SetPoint, lattice: tuple[Array, Array] | None
     ) -> None:
         self.reading, self.problem, self.potential, self.law = reading, reading.problem, potential, law
         self.cells: list[Cell] = []
