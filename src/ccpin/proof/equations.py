@@ -102,6 +102,11 @@ class Closures:
         """N unknowns, M rows, P independent coordinates."""
         return {"N": self.system.n_free, "M": self.system.m, "P": self.system.n}
 
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all that φ is made of, and of which coordinates are independent."""

@@ -43,6 +43,10 @@ class Equations(Protocol):
     def sizes(self) -> Mapping[str, int]:
         """The lengths of the axes that forms name by capital letters."""
 
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Digests of equations that they hold: a fact about these is one about them."""
+
 
 class Form(NamedTuple):
     """What an array of a claim must be.
@@ -142,13 +146,16 @@ _EQUATIONS: set[type] = set()
 
 
 def provable(kind: type[C]) -> type[C]:
-    """Let `prove` know a kind of claim. Only `ccpin.proof` does so (``tests/proof/test_facts.py``)."""
+    """Let `prove` know a kind of claim. Only `ccpin.proof` and rooms with theorems of their own do so.
+
+    ``tests/proof/test_facts.py`` has them by name.
+    """
     _KINDS.add(kind)
     return kind
 
 
 def known(kind: type[T]) -> type[T]:
-    """Let `prove` know a kind of equations whose bounds the kernel answers for."""
+    """Let `prove` know a kind of equations whose numbers were checked when they were made."""
     _EQUATIONS.add(kind)
     return kind
 
@@ -273,7 +280,8 @@ def _examined(claim: ProvableClaim, premises: tuple[Fact, ...]) -> tuple[str, Ex
     require(type(claim) in _KINDS and type(claim.equations) in _EQUATIONS, "no claim that the kernel knows")
     require([type(premise) is Fact for premise in premises], "a premise is no fact")
     digest = claim.equations.digest
-    require([premise.digest == digest for premise in premises], "a premise is about other equations")
+    about = (digest, *claim.equations.parts)
+    require([premise.digest in about for premise in premises], "a premise is about other equations")
     formed = claim.well_formed()
     examined = claim.examined(*premises)
     return digest, examined._replace(proved=examined.proved & formed)
