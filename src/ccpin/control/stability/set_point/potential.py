@@ -258,7 +258,7 @@ class PotentialValues(NamedTuple):
     arms: Array
 
 
-class Masses(NamedTuple):
+class BodiesAndSprings(NamedTuple):
     """What V′ is made of: a chain of weights (1, 3) a body, and k and θ₀ of the springs, of shape (n′,)."""
 
     chains: tuple[Chain, ...]
@@ -266,7 +266,7 @@ class Masses(NamedTuple):
     rest: Array
 
 
-def masses_of(mechanism: Mechanism, reading: Reading, gravity: Array | None = None) -> Masses:
+def masses_of(mechanism: Mechanism, reading: Reading, gravity: Array | None = None) -> BodiesAndSprings:
     """The bodies and springs of a mechanism in the chart of its closures, under gravity (m/s²; default the file's).
 
     Raises:
@@ -288,10 +288,10 @@ def masses_of(mechanism: Mechanism, reading: Reading, gravity: Array | None = No
         raise UnsupportedMechanismError(
             f"{mechanism.name}: no movable link has mass, so there is no potential to bound"
         )
-    return Masses(tuple(chains), _padded(joints.stiffness, size), _padded(joints.spring_reference, size))
+    return BodiesAndSprings(tuple(chains), _padded(joints.stiffness, size), _padded(joints.spring_reference, size))
 
 
-def potential_of(masses: Masses) -> Potential:
+def potential_of(masses: BodiesAndSprings) -> Potential:
     """V′ of bodies and springs."""
     chains, size = masses.chains, len(masses.stiffness)
     depth = max(len(chain.joints) for chain in chains)

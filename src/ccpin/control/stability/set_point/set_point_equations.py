@@ -15,18 +15,24 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity, least_eigenvalue
-from ccpin.control.stability.set_point.potential import Masses, Potential, masses_of, potential_of, potential_values
+from ccpin.control.stability.set_point.potential import (
+    BodiesAndSprings,
+    Potential,
+    masses_of,
+    potential_of,
+    potential_values,
+)
 from ccpin.control.stability.set_point.well import SetPoint, set_point_of
 from ccpin.domain.closures.system import Reading
 from ccpin.proof.chains import Chain
 from ccpin.proof.digests import digest
 from ccpin.proof.equations import Closures, closure_values, closures_of
-from ccpin.proof.facts import known, require, sealed
+from ccpin.proof.facts import registered, require, sealed
 
 _OWN = 1e-8  # of the terms' sizes: what g(q_d) and V(q_d) of the law may be off from V′'s
 
 
-@known
+@registered
 @dataclass(frozen=True, eq=False)
 class SetPointEquations:
     """Closures, V′ and the law, in copies that cannot be written to.
@@ -39,7 +45,7 @@ class SetPointEquations:
     """
 
     closures: Closures
-    masses: Masses
+    masses: BodiesAndSprings
     theta: Array
     law: SetPoint
 
@@ -47,7 +53,7 @@ class SetPointEquations:
         require(type(self.closures) is Closures, "closures that the kernel does not know")
         bodies = _row_of(self.closures, self.masses.chains)
         springs = (np.array(values, dtype=np.float64) for values in self.masses[1:])
-        own = Masses(bodies.system.chains, *(sealed(values) for values in springs))
+        own = BodiesAndSprings(bodies.system.chains, *(sealed(values) for values in springs))
         object.__setattr__(self, "masses", own)
         object.__setattr__(self, "theta", sealed(np.array(self.theta, dtype=np.float64)))
         object.__setattr__(self, "law", SetPoint(*(sealed(value) for value in self.law)))

@@ -26,7 +26,7 @@ from ccpin.proof.rounding import sum_of
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes
 
 
-class Part(NamedTuple):
+class CellPart(NamedTuple):
     """A part of q-space, as corners of shape (n,); with edges of no length it is one of a face."""
 
     lower: Array
@@ -58,7 +58,7 @@ class SublevelProved(ProvableClaim):
         require(len(premises) > 0 and type(premises[0].claim) is SolutionsInBoxes, "no boxes")
         boxes, pairs = premises[0].claim.boxes, glued_pairs(premises[0], premises[1:])
         self._require_cells(boxes)
-        well, cells = self.wells(boxes), [Part(*corners) for corners in zip(self.lower, self.upper, strict=True)]
+        well, cells = self.wells(boxes), [CellPart(*corners) for corners in zip(self.lower, self.upper, strict=True)]
         beside, start = _beside(pairs, len(cells)), self._start(boxes)
         members = _joined(start, lambda k: beside[k])
         edge = [(k, part) for k in members for part in exposed(cells[k], [cells[j] for j in beside[k]])]
@@ -129,7 +129,7 @@ def glued_pairs(solutions: Fact, glue: tuple[Fact, ...]) -> Indices:
     return np.concatenate(pairs)
 
 
-def exposed(cell: Part, beside: list[Part]) -> Iterator[Part]:
+def exposed(cell: CellPart, beside: list[CellPart]) -> Iterator[CellPart]:
     """The parts of a cell's faces behind which none of the cells beside it goes on, but for what has no area.
 
     Corners are compared to the last bit: cells that leave a gap, however small, do not cover.
@@ -137,7 +137,7 @@ def exposed(cell: Part, beside: list[Part]) -> Iterator[Part]:
     axes = np.arange(len(cell.lower))
     for k, side in product(axes, (0, 1)):
         at, along = cell[side][k], axes != k
-        parts = [Part(np.where(along, cell.lower, at), np.where(along, cell.upper, at))]
+        parts = [CellPart(np.where(along, cell.lower, at), np.where(along, cell.upper, at))]
         for other in beside:
             low, high = other.lower[k], other.upper[k]
             if (low <= at < high) if side else (low < at <= high):
@@ -145,26 +145,26 @@ def exposed(cell: Part, beside: list[Part]) -> Iterator[Part]:
         yield from parts
 
 
-def _without(part: Part, other: Part, axes: Indices) -> list[Part]:
+def _without(part: CellPart, other: CellPart, axes: Indices) -> list[CellPart]:
     """Parts that are left of one where another is taken out of it, along some axes."""
-    low, high, left = part.lower.copy(), part.upper.copy(), list[Part]()
+    low, high, left = part.lower.copy(), part.upper.copy(), list[CellPart]()
     if np.any((other.upper[axes] <= low[axes]) | (high[axes] <= other.lower[axes])):
         return [part]
     for k in axes:
         if low[k] < other.lower[k]:
             end = high.copy()
             end[k] = other.lower[k]
-            left.append(Part(low.copy(), end))
+            left.append(CellPart(low.copy(), end))
             low[k] = other.lower[k]
         if other.upper[k] < high[k]:
             begin = low.copy()
             begin[k] = other.upper[k]
-            left.append(Part(begin, high.copy()))
+            left.append(CellPart(begin, high.copy()))
             high[k] = other.upper[k]
     return left
 
 
-def _meets(well: Well, cell: Part, other: Part, level: float) -> bool:
+def _meets(well: Well, cell: CellPart, other: CellPart, level: float) -> bool:
     """Whether U is below a level at a point that two cells have in common."""
     low, high = np.maximum(cell.lower, other.lower), np.minimum(cell.upper, other.upper)
     return bool(np.all(low <= high)) and well.range_over(low, high).upper < level
