@@ -21,7 +21,7 @@ from ccpin.domain.atlas import cover_claims
 from ccpin.proof.covers import over_region
 from ccpin.proof.demanded import Demanded
 from ccpin.proof.equations import Closures, closures_of
-from ccpin.proof.facts import Fact, NotProvedError, ProvableClaim, Unproved, provable, prove, prove_some
+from ccpin.proof.facts import Fact, NotProvedError, ProvableClaim, Unproved, provable, prove, prove_some, registered
 from ccpin.proof.paths import follows
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes
 

@@ -65,6 +65,7 @@ class SublevelProved(ProvableClaim):
         level = np.min([well[k].range_over(*part).lower for k, part in edge])
         require(level > 0.0, "U is not shown to be above 0 on the boundary")
         meeting = [k for k in members if not well[k].range_over(*cells[k]).lower >= level]
+        require(start in meeting, "U is not below its value on the boundary where q_d is")
         beta = np.max([well[k].beta for k in meeting])
         require(beta < self.equations.gain, "the gain condition is not shown to hold")
         require([well[k].effort > 0.0 for k in meeting], "motors are not shown to have a grip")
