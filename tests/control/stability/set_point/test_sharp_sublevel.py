@@ -195,33 +195,25 @@ def test_a_gap_of_one_bit_is_boundary(monkeypatch):
         assert overlapping.level() == pytest.approx(2.25, rel=1e-9)
 
 
-def test_the_rest_of_a_face_is_boundary(monkeypatch):
-    """To the right of [−½, ½]² one of two smaller cells is there: what is left is y ∈ [0, ½], where U is ¼ at y = 0."""
-    low = [(0.0, 0.0), (0.75, -0.25)]
-    made = Made(monkeypatch, low, [(0.5, 0.5), (0.25, 0.25)])
-    assert made.level() == pytest.approx(0.25, rel=1e-12)
-    made.told = [
-        Edges(lambda x, y: 1.0 + y[0] if x[0] == x[1] == 0.5 else 9.0 * (x[0] == x[1] or y[0] == y[1])),
-        Edges(lambda x, y: 9.0),
-    ]
-    assert made.level() == 1.0
-    made = Made(monkeypatch, [(0.0, 0.0), (0.75, 0.25)], [(0.5, 0.5), (0.25, 0.25)])
-    made.told = [
-        Edges(lambda x, y: 1.0 - y[1] if x[0] == x[1] == 0.5 else 9.0 * (x[0] == x[1] or y[0] == y[1])),
-        Edges(lambda x, y: 9.0),
-    ]
-    assert made.level() == 1.0
-
-
 class Edges:
-    """A well whose least is told by the ranges of x and y."""
+    """A well whose least on parts of the face x = ½ is told by their ranges of y, and in a whole cell."""
 
-    def __init__(self, least):
-        self.least, self.beta, self.effort = least, 1.0, 1.0
+    def __init__(self, least, whole):
+        self.least, self.whole, self.beta, self.effort = least, whole, 1.0, 1.0
 
     def range_over(self, lower, upper):
-        value = self.least(*zip(lower, upper, strict=True))
+        x, y = zip(lower, upper, strict=True)
+        value = self.least(y) if x[0] == x[1] == 0.5 else 9.0 if x[0] == x[1] or y[0] == y[1] else self.whole
         return Range(value, value, lower)
+
+
+def test_the_rest_of_a_face_is_boundary(monkeypatch):
+    """To the right of [−½, ½]² one of two smaller cells is there: what is left of the face is the other half."""
+    for y, least in ((-0.25, lambda y: 1.0 + y[0]), (0.25, lambda y: 1.0 - y[1])):
+        made = Made(monkeypatch, [(0.0, 0.0), (0.75, y)], [(0.5, 0.5), (0.25, 0.25)])
+        assert made.level() == pytest.approx(0.25, rel=1e-12)
+        made.told = [Edges(least, 0.5), Edges(lambda y: 9.0, 9.0)]
+        assert made.level() == 1.0
 
 
 class Ends:
@@ -258,6 +250,31 @@ def test_a_cell_that_does_not_meet_the_set_is_no_part_of_it(monkeypatch):
     made = Made(monkeypatch, [[0.5], [1.5]], q_d=[0.5])
     made.told = [Ends({0.0: 2.0, 1.0: 1.0}, 0.5), Ends({1.0: 2.0, 2.0: 2.0}, 2.0)]
     assert made.found()["within"].tolist() == [True, False]
+
+
+@pytest.mark.parametrize(("least", "held"), [(0.0, False), (5e-324, True), (-1e-9, False)])
+def test_zero_is_no_level(monkeypatch, least, held):
+    """Though U is not known to be above −1 where the set point is."""
+    made = Made(monkeypatch, [[0.5]], q_d=[0.5])
+    made.told = [Ends({0.0: least, 1.0: 2.0}, -1.0)]
+    assert made.level() == least if held else made.refused("above 0 on the boundary") is None
+
+
+def test_sheets_over_one_another_are_joined_where_they_are_glued(monkeypatch):
+    """Two cells over [0, 1] that are glued to the same one beside them, not to one another."""
+    made = Made(monkeypatch, [[0.5], [1.5], [0.5]], q_d=[0.5])
+    made.pairs = [(0, 1), (1, 2)]
+    made.told = [Ends({0.0: 3.0, 1.0: 2.5}, 0.5), Ends({1.0: 2.5, 2.0: 3.0}, 0.5), Ends({0.0: 2.0, 1.0: 2.5}, 0.5)]
+    found = made.found()
+    assert (found["level"][0], found["within"].tolist()) == (2.0, [True, False, False])
+
+
+def test_cells_that_have_nothing_in_common_are_not_joined(monkeypatch):
+    """Whatever is said of their boxes, which may reach further; apart in one coordinate or in both."""
+    for far in ((5.0, 0.0), (5.0, 7.0)):
+        made = Made(monkeypatch, [(0.0, 0.0), far])
+        made.pairs, made.told = [(0, 1)], [Edges(lambda y: 9.0, 0.5)] * 2
+        assert made.found()["within"].tolist() == [True, False]
 
 
 # Where the set point is.
@@ -313,6 +330,9 @@ def test_boxes_and_cells_that_do_not_fit(monkeypatch):
     made.upper[3] = made.lower[3] - 0.1
     made.refused("without room")
     made = block(monkeypatch)
+    made.upper[at(made, 1, 1), 1] = made.lower[at(made, 1, 1), 1]
+    made.refused("without room")
+    made = block(monkeypatch)
     made.lower, made.upper = made.lower[1:], made.upper[1:]
     made.refused("other boxes")
     made = block(monkeypatch)
@@ -359,6 +379,7 @@ def test_exposed_parts_are_what_no_cell_goes_on_behind(n):
         low = rng.integers(-4, 4, (5, n)) / 2.0
         beside = [CellPart(a, a + rng.integers(1, 5, n) / 2.0) for a in low]
         parts = list(exposed(cell, beside))
+        assert all(np.sum(p.lower < p.upper) == n - 1 for p in parts)
         for k, side in product(range(n), (0, 1)):
             face = [p for p in parts if p.lower[k] == p.upper[k] == 2.0 * side]
             for q in rng.uniform(0.0, 2.0, (8, n)):
@@ -366,4 +387,3 @@ def test_exposed_parts_are_what_no_cell_goes_on_behind(n):
                 beyond = q + np.eye(n)[k] * (1e-6 if side else -1e-6)
                 behind = any(inside(other, q) and inside(other, beyond) for other in beside)
                 assert sum(inside(p, q) for p in face) == (0 if behind else 1)
-    assert all(np.all(p.lower <= p.upper) for p in parts)
