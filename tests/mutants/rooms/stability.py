@@ -45,6 +45,7 @@ ROOMS: tuple[Room, ...] = (
             "_require_law",
         ),
         ("control/stability/set_point/test_sublevel_claims.py",),
+        (("theta[reading.system.independent] = law.q_d", "", "a configuration at another q is refused"),),
     ),
     Room(
         "control/stability/set_point/starting_cells",
