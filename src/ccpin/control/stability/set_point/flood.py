@@ -18,7 +18,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.control.stability.set_point.certified_cells import Cell, CellStore, Face, holding
+from ccpin.control.stability.set_point.certified_cells import Cell, CellStore, holding
+from ccpin.control.stability.set_point.sublevel_claim import CellPart
 from ccpin.control.stability.set_point.well import Well
 
 Limit = Literal["domain", "gain", "budget", "depth", "interrupted", "refused"]
@@ -69,7 +70,7 @@ class _Entry(NamedTuple):
     serial: int
     inside: int
     beyond: int
-    face: Face
+    face: CellPart
     point: Array
     slack: float
 
@@ -224,7 +225,7 @@ class Flood:
         if face is not None:
             self._push_face(inside, beyond, face)
 
-    def _push_face(self, inside: int, beyond: int, face: Face) -> None:
+    def _push_face(self, inside: int, beyond: int, face: CellPart) -> None:
         found = self._store.well(inside).range_over(face.lower, face.upper)
         self._serial += 1
         slack = found.upper - found.lower

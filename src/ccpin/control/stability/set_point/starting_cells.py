@@ -196,9 +196,9 @@ def cells_around(law: PDSimpleGravity, gain: float, limits: FloodLimits) -> Cell
         )
     if not single:
         best = trials.box(_LATTICE * float(np.max(best.half[0] / trials.proportions))) or best
-    half = best.half[0]
-    store = CellStore(on_the_line(seed.reading, potential), potential, set_point_of(law), (law.q_d - half, 2.0 * half))
-    store.add_first(best, law.q_d - half, law.q_d + half)
+    corner, edges = law.q_d - best.half[0], 2.0 * best.half[0]
+    store = CellStore(on_the_line(seed.reading, potential), potential, set_point_of(law), (corner, edges))
+    store.add_first(best, corner, corner + edges)
     return store
 
 

@@ -32,6 +32,11 @@ class CellPart(NamedTuple):
     lower: Array
     upper: Array
 
+    @property
+    def middle(self) -> Array:
+        """Its middle."""
+        return 0.5 * (self.lower + self.upper)
+
 
 @provable
 @dataclass(frozen=True, eq=False)
