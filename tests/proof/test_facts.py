@@ -21,7 +21,7 @@ from ccpin.domain.atlas import cover_claims
 from ccpin.proof.covers import over_region
 from ccpin.proof.demanded import Demanded
 from ccpin.proof.equations import Closures, closures_of
-from ccpin.proof.facts import Fact, NotProvedError, ProvableClaim, Unproved, provable, prove, prove_some, registered
+from ccpin.proof.facts import Fact, NotProvedError, ProvableClaim, Unproved, known, provable, prove, prove_some
 from ccpin.proof.paths import follows
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes
 
@@ -132,7 +132,7 @@ def test_only_the_kernel_makes_facts():
 
     Those that state theorems of their own register these, by name.
     """
-    makers, registered = {"_minted", "provable", "registered", "_KINDS", "_EQUATIONS"}, set()
+    makers, registered = {"_minted", "provable", "known", "_KINDS", "_EQUATIONS"}, set()
     for path in SOURCE.rglob("*.py"):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         inside = path.is_relative_to(SOURCE / "proof")
@@ -140,7 +140,7 @@ def test_only_the_kernel_makes_facts():
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("ccpin.proof") and not inside:
                 named = makers & {alias.name for alias in node.names}
                 where = path.relative_to(SOURCE).as_posix()
-                assert not named or (where in STATING and named <= {"provable", "registered"}), path
+                assert not named or (where in STATING and named <= {"provable", "known"}), path
                 registered |= {where} if named else set()
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Fact":
                 raise AssertionError(f"{path} calls Fact")
@@ -232,7 +232,7 @@ def test_claims_and_equations_of_other_kinds(atlas):
     refused(lambda: claim.equations)
     refused(lambda: atlas.solutions[0])
     refused(lambda: claim, atlas.solutions[0])
-    assert (provable.__name__, registered.__name__) == ("provable", "registered")
+    assert (provable.__name__, known.__name__) == ("provable", "known")
 
 
 BROKEN = {

@@ -15,7 +15,7 @@ from ccpin.errors import UnsupportedMechanismError
 from ccpin.proof.bounds import Bounds, Frame
 from ccpin.proof.chains import Chain, ChainStack, ClosureSystem, gather, stack_chains
 from ccpin.proof.digests import digest
-from ccpin.proof.facts import registered, require, sealed
+from ccpin.proof.facts import known, require, sealed
 from ccpin.proof.phasors import Phasors, phasor_values, phasors_of, planar_bounds
 from ccpin.proof.reach_bounds import ChainLengths, ReachDrift, chain_reach
 from ccpin.proof.taylor import Pattern, Point, taylor_bounds
@@ -77,7 +77,7 @@ _ORTHONORMAL = 1e-12
 """How far placements and axes may be from orthonormal: a chain of a hundred such joints stays within the slack."""
 
 
-@registered
+@known
 @dataclass(frozen=True, eq=False)
 class Closures:
     """φ(θ) = Σ_c B_c x_c(θ) + Gθ + d = 0 in N = n + m scalar coordinates.

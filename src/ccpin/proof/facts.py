@@ -154,7 +154,7 @@ def provable(kind: type[C]) -> type[C]:
     return kind
 
 
-def registered(kind: type[T]) -> type[T]:
+def known(kind: type[T]) -> type[T]:
     """Let `prove` know a kind of equations whose numbers were checked when they were made."""
     _EQUATIONS.add(kind)
     return kind

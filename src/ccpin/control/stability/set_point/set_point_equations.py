@@ -27,12 +27,12 @@ from ccpin.domain.closures.system import Reading
 from ccpin.proof.chains import Chain
 from ccpin.proof.digests import digest
 from ccpin.proof.equations import Closures, closure_values, closures_of
-from ccpin.proof.facts import registered, require, sealed
+from ccpin.proof.facts import known, require, sealed
 
 _OWN = 1e-8  # of the terms' sizes: what g(q_d) and V(q_d) of the law may be off from V′'s
 
 
-@registered
+@known
 @dataclass(frozen=True, eq=False)
 class SetPointEquations:
     """Closures, V′ and the law, in copies that cannot be written to.
