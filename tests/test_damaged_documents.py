@@ -316,7 +316,7 @@ def _written(data, path):
 
 
 def test_what_is_loaded_says_that_it_rests_on_its_file(whole, tmp_path):
-    """A verdict that was read, not proved here; also of what is merged or continued from it."""
+    """A verdict that was read, not proved here; also of what is merged from it. Continued or replayed it is proved."""
     path = _written(whole["curves.npz"], tmp_path / "curves.npz")
     cover = SingularCover.load(path)
     assert str(path) in cover.reason
@@ -329,7 +329,10 @@ def test_what_is_loaded_says_that_it_rests_on_its_file(whole, tmp_path):
     assert atlas.reason.startswith(made.reason)
     assert "ccpin verify" in atlas.reason
     assert str(path) in ccpin.domain.merge([cover]).reason
-    assert str(path) in cover.continued(seconds=1.0).reason
+    for again in (cover.continued(), SingularCover.load(path, replay=True)):
+        assert again.verdict == cover.verdict == "proven"
+        assert again.source == str(path)
+        assert str(path) not in again.reason
 
 
 def test_a_box_over_another_cell_is_refused(whole, tmp_path):

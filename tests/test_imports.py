@@ -67,6 +67,7 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
         ("pruning", "proposals"),
         "claims",
     ),
+    "proof.curves": ("curve_equations", "tubes", ("settled_boxes", "tube_claims"), "singular_covers"),
     "proof": (
         ("theorems", "rounding", "digests", "verdict", "facts"),
         ("balls", "chains", "chords"),
@@ -74,11 +75,11 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
         ("emptiness", "phasors", "taylor"),
         "reach_bounds",
         "equations",
-        "newton",
-        ("narrowing", "requirements", "solutions"),
+        ("newton", "prolongations"),
+        ("narrowing", "requirements", "solutions", "zeros"),
         ("candidates", "cell_tree", "demanded", "paths"),
         ("covers", "exhausted"),
-        "solution_counts",
+        ("curves", "lines", "solution_counts"),
     ),
 }
 OF_NO_ROOM = (("scripts",), ("docs",))  # tests of what is no part of the package

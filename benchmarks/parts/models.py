@@ -53,8 +53,12 @@ def figures(subject: str, mechanism: ccpin.Mechanism, options: Options) -> Itera
             calls[ACCELERATION, ANEW] = anew(model, at)  # what a State closes once is closed by each call
             calls[STEP, NATIVE] = Stepping(model, at)
     calls[DERIVATIVES, DIFFERENCES] = lambda: central_differences(next(iter(models.values())), at)
-    adding = (add_pinocchio, add_mujoco, add_drake)
-    others = [each for add in adding for each in add(subject, mechanism, at, calls, notes)]
+    others = list[Measured]()
+    for who, (quantity, add) in PEER_CALLS.items():
+        try:
+            others += add(subject, mechanism, at, calls, notes)
+        except NotForThisError as reason:
+            others.append(Measured(PART, subject, quantity, who, None, note=str(reason)))
     times = in_turn(calls, options.rounds, options.slice_seconds)
     for (quantity, who), timing in times.items():
         peer = times.get(PEERS.get(quantity, (ACCELERATION, PINOCCHIO)))
@@ -113,12 +117,8 @@ def add_pinocchio(
     subject: str, mechanism: ccpin.Mechanism, at: Place, calls: Calls, notes: dict[Call, str]
 ) -> Iterator[Measured]:
     """Pinocchio's calls, and how far its q̈′ is from ours."""
-    try:
-        peer = Pinocchio(mechanism, at)
-        peer.prepare_lcaba()
-    except NotForThisError as reason:
-        yield Measured(PART, subject, ACCELERATION, PINOCCHIO, None, note=str(reason))
-        return
+    peer = Pinocchio(mechanism, at)
+    peer.prepare_lcaba()
     calls |= {(ACCELERATION, PINOCCHIO): peer.acceleration, (ACCELERATION, LCABA): peer.lcaba}
     calls[DERIVATIVES, PINOCCHIO] = peer.derivatives
     notes |= {(ACCELERATION, PINOCCHIO): peer.note, (ACCELERATION, LCABA): peer.lcaba_note}
@@ -130,11 +130,7 @@ def add_mujoco(
     subject: str, mechanism: ccpin.Mechanism, at: Place, calls: Calls, notes: dict[Call, str]
 ) -> Iterator[Measured]:
     """`mj_forward` and `mj_step`; its loops are springs, so its q̈′ differs."""
-    try:
-        peer = MuJoCo(mechanism, at)
-    except NotForThisError as reason:
-        yield Measured(PART, subject, ACCELERATION, MUJOCO, None, note=str(reason))
-        return
+    peer = MuJoCo(mechanism, at)
     calls |= {(ACCELERATION, MUJOCO): peer.forward, (STEP, MUJOCO): peer.step}
     yield Measured(PART, subject, ERROR, MUJOCO, difference(peer.forward(), at.a_free), "")
 
@@ -143,12 +139,16 @@ def add_drake(
     subject: str, mechanism: ccpin.Mechanism, at: Place, calls: Calls, notes: dict[Call, str]
 ) -> Iterator[Measured]:
     """A discrete step: Drake's loops exist in its SAP solver only."""
-    try:
-        peer = Drake(mechanism, at)
-    except NotForThisError as reason:
-        yield Measured(PART, subject, STEP, DRAKE, None, note=str(reason))
-        return
-    calls[STEP, DRAKE] = peer.step
+    calls[STEP, DRAKE] = Drake(mechanism, at).step
+    yield from ()
+
+
+PEER_CALLS = {
+    PINOCCHIO: (ACCELERATION, add_pinocchio),
+    MUJOCO: (ACCELERATION, add_mujoco),
+    DRAKE: (STEP, add_drake),
+}
+"""What each peer is asked for first, and who adds its calls; raises a NotForThisError where it has none."""
 
 
 def _ratio(timing: Timing, peer: Timing | None) -> float | None:

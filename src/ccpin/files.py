@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import io
 import json
 import os
@@ -11,9 +12,11 @@ import weakref
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any, overload
+from typing import IO, Any, TypeVar, overload
 
 from ccpin.errors import InvalidInputError
+
+T = TypeVar("T")
 
 
 def writable_target(path: str | Path) -> Path:
@@ -145,7 +148,26 @@ def _encoding(mode: str) -> str | None:
     return None if "b" in mode else "utf-8"
 
 
-class Journal(Sequence[dict[str, Any]]):
+class OneByOne(Sequence[T], abc.ABC):
+    """A sequence whose members are got one by one, by their number."""
+
+    @overload
+    def __getitem__(self, place: int) -> T: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> list[T]: ...
+
+    def __getitem__(self, place: int | slice) -> T | list[T]:
+        if isinstance(place, slice):
+            return [self[k] for k in range(*place.indices(len(self)))]
+        return self._one(range(len(self))[place])
+
+    @abc.abstractmethod
+    def _one(self, number: int) -> T:
+        """Member 0 ≤ number < len(self)."""
+
+
+class Journal(OneByOne[dict[str, Any]]):
     """An append-only file of JSON lines, the first of which says what it is; made to be killed and opened again.
 
     Each record is one write, synchronised with the disk. A last line that was cut off is dropped when the file is
@@ -188,18 +210,10 @@ class Journal(Sequence[dict[str, Any]]):
     def __len__(self) -> int:
         return len(self._starts)
 
-    @overload
-    def __getitem__(self, place: int) -> dict[str, Any]: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> list[dict[str, Any]]: ...
-
-    def __getitem__(self, place: int | slice) -> dict[str, Any] | list[dict[str, Any]]:
-        if isinstance(place, slice):
-            return [self[k] for k in range(*place.indices(len(self)))]
+    def _one(self, number: int) -> dict[str, Any]:
         try:
             with self._path.open("rb") as file:
-                file.seek(self._starts[place])
+                file.seek(self._starts[number])
                 return dict(json.loads(file.readline()))
         except (OSError, ValueError, TypeError) as error:
             raise InvalidInputError(f"'{self._path}' was changed while it was in use: {error}") from None

@@ -62,10 +62,15 @@ def stoppable(seconds: float | None = None) -> Iterator[threading.Event]:
         _ACTIVE.reset(token)
 
 
-def check() -> None:
-    """Raise `Stopped` where the stretch of work that this is in is to end (`stoppable`)."""
+def ended() -> bool:
+    """Whether the stretch of work that this is in is to end (`stoppable`)."""
     around = _ACTIVE.get()
-    if around and around[-1].is_set():
+    return bool(around) and around[-1].is_set()
+
+
+def check() -> None:
+    """Raise `Stopped` where it is."""
+    if ended():
         raise Stopped
 
 

@@ -13,7 +13,7 @@ from tests.support.legs import WHOLE, load_slice
 pytest.importorskip("flint")
 
 from ccpin.auditing import closures, empty_cells, reading, singular_points, verify
-from tests.support.altered import changed, without_boxes
+from tests.support.altered import changed, claim, without_boxes
 
 TORUS = np.full(2, -np.pi), np.full(2, np.pi)
 
@@ -25,11 +25,6 @@ def torus(tmp_path_factory):
     path = tmp_path_factory.mktemp("cells") / "atlas.json"
     atlas.save(path)
     return atlas, path
-
-
-def claim(audit, word):
-    """The claim whose words hold one."""
-    return next(c for c in audit.claims if word in c.what)
 
 
 def test_empty_and_singular_cells_are_proved(torus):

@@ -10,7 +10,7 @@ from ccpin import domain
 from ccpin.errors import InvalidInputError
 from tests.oracles import five_bar as oracle
 from tests.oracles import rpdr
-from tests.support.altered import changed
+from tests.support.altered import changed, claim
 from tests.support.five_bars import load_five_bar
 from tests.support.legs import load_slice
 
@@ -50,11 +50,6 @@ def region(tmp_path_factory):
     path = tmp_path_factory.mktemp("cover") / "cover.json"
     found.save(path)
     return found, path
-
-
-def claim(audit, word):
-    """The claim whose words hold one."""
-    return next(c for c in audit.claims if word in c.what)
 
 
 def test_true_covers_are_proved(case):

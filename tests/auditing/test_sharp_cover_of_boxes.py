@@ -194,7 +194,7 @@ def test_looks_move_the_dependent_coordinates():
         np.ones(1),
         np.array([2, 0]),
     )
-    whole = boxes._embedded(box, exact([[1.0], [10.0]]))
+    whole = boxes.embedded(box, exact([[1.0], [10.0]]))
     assert [float(x) for x in whole] == [43.0, 0.0, 21.0]
 
 
@@ -346,7 +346,7 @@ def test_boxes_reach_d_h_and_e_r():
     """|θ − θ_c| ≤ |D|h + |E|R: q up to 1, y up to 0.5 + 0.5 from the middle."""
     document = a_workspace()
     low, high = np.array([-0.5]), np.array([1.0])
-    reached = workspace._reached(document, boxes.box_of(document, 0), low, high)
+    reached = workspace._reached(boxes.box_of(document, 0), low, high)
     for ball, ends in zip(reached, ((0.5, 2.0), (2.0 - 0.25 - 0.5, 2.0 + 0.5 + 0.5)), strict=True):
         assert (float(ball.lower()), float(ball.upper())) == pytest.approx(ends, abs=1e-6)
 
@@ -424,13 +424,13 @@ def test_the_cells_of_a_box_meet_all_demands(monkeypatch):
     assert held == leaves(half, small)
     for cuts, looks, count in ((2, 4096, 3), (0, 4096, 1), (5, 2, 2)):
         asked = Asked(lambda *_: False)
-        monkeypatch.setattr(workspace, "_LOOKS", looks)
+        monkeypatch.setattr(boxes, "_LOOKS", looks)
         monkeypatch.setattr(workspace, "_holds", asked)
         assert workspace.met(None, document, 0, cuts) is None
         assert len(asked.calls) == count
     document.directions[0, 2] = [0.5, 4.0]  # the second moves θ more
     asked = Asked(lambda cell, said: small(*cell))
-    monkeypatch.setattr(workspace, "_LOOKS", 4096)
+    monkeypatch.setattr(boxes, "_LOOKS", 4096)
     monkeypatch.setattr(workspace, "_holds", asked)
     assert workspace.met(None, document, 0, 12) is True
     np.testing.assert_allclose(asked.calls[1][0], [[-half[0], 0.0], half])

@@ -609,7 +609,7 @@ def test_listed_boxes_are_wider_by_a_little():
     some = cover(1, (((0.0,),), ((1.0,),)))
     assert some._is_listed(box((-0.9e-12, 1.0)))
     assert not some._is_listed(box((-1.2e-12, 1.0)))
-    np.testing.assert_allclose(some._off(box((2.0, 4.0))), [[2.5]])
+    np.testing.assert_allclose(some._gaps(np.array([3.0]), some._listed), [[2.5]])
 
 
 def test_a_box_is_cut_where_a_listed_box_ends():

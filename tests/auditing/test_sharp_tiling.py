@@ -568,10 +568,9 @@ def test_free_angles():
         periodic = np.array([False, changed.get("periodic", True), True])
         return SimpleNamespace(chains=(chain, other), couplings=couplings, periodic=periodic)
 
-    assert reading.Curves.free(of(), 1)
+    assert reading.free_angles(of()) == [False, True, True]
     for changed in ({"slides": True}, {"ratio": 2.0}, {"periodic": False}):
-        assert not reading.Curves.free(of(**changed), 1)
-        assert reading.Curves.free(of(**changed), 2)
+        assert reading.free_angles(of(**changed)) == [False, False, True]
 
 
 def test_chains_are_points_or_directions():

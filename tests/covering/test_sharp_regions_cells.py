@@ -13,11 +13,9 @@ from ccpin.covering.faces import _across
 from ccpin.covering.region import Region
 from ccpin.errors import InvalidInputError
 from ccpin.proof.cell_tree import WHOLE
-from ccpin.proof.equations import Problem
-from ccpin.proof.narrowing import Candidates
-from ccpin.proof.ranges import Ranges, Reason
 from ccpin.proof.rounding import blur
-from tests.support.straight import straight
+from tests.support.straight import problem_by_hand, straight
+from tests.support.waiting import candidates, ranges_of
 
 U = 2.0**-53
 
@@ -259,25 +257,11 @@ def test_faces_are_all_that_leaves_share(tree, wrapped):
 LINE, PLANE = straight([[1.0]]), straight([[1.0], [2.0]])
 
 
-def problem_of(equations):
-    return Problem(equations.system, equations.stack, None)
-
-
-def ranges_of(lower, upper, reasons=Reason.LENGTHS):
-    lower, upper = np.array(lower), np.array(upper)
-    big = np.finfo(float).max
-    return Ranges(lower, upper, np.full((len(lower), 2), reasons, dtype=np.int8), np.tile([-big, big], (len(lower), 1)))
-
-
-def candidates(centre, half, slopes):
-    centre, half, slopes = (np.array(part, dtype=float) for part in (centre, half, slopes))
-    return Candidates(np.arange(len(centre)), centre, half, slopes)
-
-
 def test_a_search_gives_back_all_it_does_not_drop(monkeypatch):
     """What is stuck and what still waits, when its rounds, its budget or its boxes are over."""
     runner = SimpleNamespace(
-        problem=problem_of(PLANE), map=lambda task, chunks: [task(problem_of(PLANE), chunk) for chunk in chunks]
+        problem=problem_by_hand(PLANE),
+        map=lambda task, chunks: [task(problem_by_hand(PLANE), chunk) for chunk in chunks],
     )
     monkeypatch.setattr(pruning, "narrowed_both", lambda problem, ranges, waiting, singular: waiting)
     monkeypatch.setattr(

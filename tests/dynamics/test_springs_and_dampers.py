@@ -169,23 +169,18 @@ def test_a_mechanism_without_dampers_has_no_damping(rpdr_model):
 def test_derivatives_are_exact(model):
     """∂q̈ and ∂u with springs, dampers and gears against sixth-order differences."""
     q, v, u = model.alpha(model.mechanism.q_reference) + 0.3, np.array([1.7]), np.array([0.2])
-    found = model.forward_dynamics_derivatives(q, v, u)
-    expected = (
-        derivative(lambda s: model.forward_dynamics(q + s, v, u)),
-        derivative(lambda s: model.forward_dynamics(q, v + s, u)),
-        derivative(lambda s: model.forward_dynamics(q, v, u + s)),
-    )
-    for ours, theirs in zip(found, expected, strict=True):
-        np.testing.assert_allclose(ours[:, 0], theirs, rtol=1e-8)
     a = np.array([0.8])
-    found = model.inverse_dynamics_derivatives(q, v, a)
-    expected = (
-        derivative(lambda s: model.inverse_dynamics(q + s, v, a)),
-        derivative(lambda s: model.inverse_dynamics(q, v + s, a)),
-        derivative(lambda s: model.inverse_dynamics(q, v, a + s)),
-    )
-    for ours, theirs in zip(found, expected, strict=True):
-        np.testing.assert_allclose(ours[:, 0], theirs, rtol=1e-8)
+    for last, function, found in (
+        (u, model.forward_dynamics, model.forward_dynamics_derivatives(q, v, u)),
+        (a, model.inverse_dynamics, model.inverse_dynamics_derivatives(q, v, a)),
+    ):
+        expected = (
+            derivative(lambda s: function(q + s, v, last)),  # noqa: B023 - called at once
+            derivative(lambda s: function(q, v + s, last)),  # noqa: B023
+            derivative(lambda s: function(q, v, last + s)),  # noqa: B023
+        )
+        for ours, theirs in zip(found, expected, strict=True):
+            np.testing.assert_allclose(ours[:, 0], theirs, rtol=1e-8)
 
 
 def test_the_core_declines_a_balls_spring():

@@ -1,10 +1,10 @@
-"""The lemma on extended systems at equality: η + κr = r, and each rounding that goes into η and κ."""
+"""The lemma on prolonged systems at equality: η + κr = r, and each rounding that goes into η and κ."""
 
 import numpy as np
 import pytest
 
-from ccpin.proof import newton as module
-from ccpin.proof.newton import proved_within
+from ccpin.proof import prolongations as module
+from ccpin.proof.prolongations import proved_within
 
 U = 2.0**-53
 
@@ -54,3 +54,11 @@ def test_an_inverse_that_is_none_counts(monkeypatch):
     monkeypatch.setattr(module, "inverses", lambda slope: np.full((1, 1, 1), 0.9))
     assert within([0.5], [[1.0]], 0.0, 0.0, 0.4444) == pytest.approx(0.9)
     assert within([0.5], [[1.0]], 0.0, 0.0, 0.4445) == pytest.approx(3.6)
+
+
+def test_rounding_of_one_entry_of_a_slope_counts():
+    """As the largest of all entries it is what F may be off by."""
+    rounding = np.array([[[0.0, 0.0], [0.0, 1e-3]]])
+    none = np.zeros((1, 2))
+    found = proved_within(none, np.eye(2)[None], np.ones(1), rounding, lambda rows, _: np.zeros((len(rows), 2, 2)))
+    assert found[0] > 1e-3

@@ -238,6 +238,18 @@ def test_what_is_widened_counts_each_of_its_terms():
         assert lies_within(cover(box=(-1, -1, 0)), tree, 2, boxes) == held
 
 
+def test_a_cell_lies_in_its_box_in_every_coordinate():
+    """[½, 1] × [0, 1] in boxes too narrow one way or the other."""
+    tree, region = (
+        tree_of(whole_numbers(0, 0, 0), whole_numbers(1, -1, -1), 2),
+        ((0.0, 0.0), (1.0, 1.0), (False, False)),
+    )
+    boxes = boxes_about(3 * [[0.75, 0.5, 1.25]], [[0.25, 0.5], [0.25, 0.4], [0.2, 0.5]], [[1.0, 1.0]], 1.0)
+    cells = whole_numbers(2, 2, 2)
+    found = lie_within(PLANE, CellRegion(*map(np.array, region)), tree, cells, boxes, whole_numbers(0, 1, 2))
+    assert found.tolist() == [True, False, False]
+
+
 def test_a_region_of_four_cells_has_four_faces():
     """A ring of them: one face torn is enough, though every box is reached over the others."""
     centre = [[x, y, x + y] for y in (0.25, 0.75) for x in (0.25, 0.75)]

@@ -8,42 +8,36 @@ import pytest
 
 from ccpin.arrays import rows_of
 from ccpin.proof import candidates as module
-from ccpin.proof.candidates import halved, handed_down, over_all
-from ccpin.proof.equations import Problem
+from ccpin.proof.candidates import halved, over_all
 from ccpin.proof.narrowing import Candidates
-from ccpin.proof.ranges import Ranges, Reason
+from ccpin.proof.ranges import Reason
 from tests.support.made_up import made_up
-from tests.support.straight import circles, straight
+from tests.support.straight import circles, problem_by_hand, straight
+from tests.support.waiting import candidates, ranges_of
 
 U = 2.0**-53
 LINE, PLANE = straight([[1.0]]), straight([[1.0], [2.0]])
 
 
-def problem_of(equations):
-    return Problem(equations.system, equations.stack, None)
-
-
-def ranges_of(lower, upper, reasons=Reason.LENGTHS):
-    lower, upper = np.array(lower), np.array(upper)
-    big = np.finfo(float).max
-    return Ranges(lower, upper, np.full((len(lower), 2), reasons, dtype=np.int8), np.tile([-big, big], (len(lower), 1)))
-
-
-def candidates(centre, half, slopes):
-    centre, half, slopes = (np.array(part, dtype=float) for part in (centre, half, slopes))
-    return Candidates(np.arange(len(centre)), centre, half, slopes)
-
-
 def test_a_search_begins_with_all_of_the_ranges():
     """A thousandth of what counts as at their ends and 1e-12 of the region more, but where a coordinate is held."""
     ranges = ranges_of([-1.0, 2.0], [3.0, 2.5])
-    for lower, upper, wide in ((0.25, 0.75, 0.25 + 1e-12), (0.5, 0.5, 0.0)):
-        found = over_all(problem_of(PLANE), ranges, np.array([lower]), np.array([upper]))
+    for lower, upper, wide in ((0.25, 0.75, 0.25 + 1e-12 + 1e-14 + 3 * U), (0.5, 0.5, 0.0)):
+        found = over_all(problem_by_hand(PLANE), ranges, np.array([lower]), np.array([upper]))
         np.testing.assert_allclose(found.centre, [[0.5, 1.0, 2.25]], rtol=1e-15)
         more = 1e-12 * np.array([4.0, 3.5])
-        assert found.half[0, 0] == wide
+        assert found.half[0, 0] == pytest.approx(wide, rel=1e-15, abs=0.0)
         np.testing.assert_allclose(found.half[0, 1:] - [2.0, 0.25], more, rtol=1e-3)
         assert (found.cell.tolist(), found.slopes.any()) == ([0], False)
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(0.1, 0.7), (1e6 + 0.1, 1e6 + 0.3), (-1e9 - 1e-3, -1e9)])
+def test_a_search_begins_with_all_of_the_region(lower, upper):
+    """And 1e-12 more, wherever it is, as real numbers."""
+    found = over_all(problem_by_hand(LINE), ranges_of([-1.0], [3.0]), np.array([lower]), np.array([upper]))
+    centre, half = Fraction(found.centre[0, 0]), Fraction(found.half[0, 0])
+    for room in (Fraction(lower) - (centre - half), centre + half - Fraction(upper)):
+        assert room >= Fraction(1e-12)
 
 
 @pytest.mark.parametrize(("centre", "gone"), [
@@ -56,13 +50,13 @@ def test_what_leans_into_the_ranges_is_not_beyond_them(centre, gone):
         ranges_of([-1.0, -1.0], [1.0, 1.0]),
         candidates([[0.0, *centre]], [[0.25, 0.5, 0.5]], [[[1.0], [-3.0]]]),
     )
-    assert module.beyond(problem_of(PLANE), ranges, box).tolist() == [gone]
+    assert module.beyond(problem_by_hand(PLANE), ranges, box).tolist() == [gone]
 
 
 def test_full_turns_have_no_beyond():
     box = candidates([[0.0, 9.0]], [[0.25, 0.5]], [[[1.0]]])
-    assert module.beyond(problem_of(circles()), ranges_of([-1.0], [1.0]), box).tolist() == [False]
-    assert module.beyond(problem_of(LINE), ranges_of([-1.0], [1.0]), box).tolist() == [True]
+    assert module.beyond(problem_by_hand(circles()), ranges_of([-1.0], [1.0]), box).tolist() == [False]
+    assert module.beyond(problem_by_hand(LINE), ranges_of([-1.0], [1.0]), box).tolist() == [True]
 
 
 def test_all_candidates_are_narrowed_by_both(monkeypatch):
@@ -79,12 +73,12 @@ def test_all_candidates_are_narrowed_by_both(monkeypatch):
     boxes.centre[:, 1] = np.where(np.arange(count) % 2, 0.95, 0.0)
     boxes.centre[7, 2] = 5.0
     ranges = ranges_of([-1.0, -1.0], [1.0, 1.0], Reason.LIMIT)
-    found = module.narrowed_both(problem_of(PLANE), ranges, boxes, singular=True)
+    found = module.narrowed_both(problem_by_hand(PLANE), ranges, boxes, singular=True)
     assert found.cell.tolist() == [k for k in range(count) if k != 7]
     assert [n for n, inverse, _ in asked] == [1000, 1000, 1000, 1000, 5, 5]
     assert asked[1][2][:7].tolist() == [True, False, True, False, True, False, True]
     asked.clear()
-    module.narrowed_both(problem_of(PLANE), ranges, boxes)
+    module.narrowed_both(problem_by_hand(PLANE), ranges, boxes)
     assert all(regular is None for *_, regular in asked)
 
 
@@ -152,11 +146,3 @@ def test_halves_are_wider_by_roundings_only():
         assert half[1] - 4.0 == pytest.approx(q, rel=0.2)
     np.testing.assert_array_equal(found.slopes, np.tile(boxes.slopes, (2, 1, 1)))
     assert found.cell.tolist() == [0, 0]
-
-
-def test_cells_are_halved_along_their_own_coordinates():
-    """Both halves, the upper one's number one more; the candidates of each in their order."""
-    boxes = boxes_of(np.zeros((2, SIZE)), np.ones((2, SIZE)))._replace(cell=np.array([3, 1]))
-    found = handed_down(made_up(), np.array([9, 1, 9, 0]), np.array([9, 4, 9, 7]), boxes)
-    assert found.cell.tolist() == [7, 4, 8, 5]
-    np.testing.assert_array_equal(found.centre[:, [1, 3]], [[-0.5, 0.0], [0.0, -0.5], [0.5, 0.0], [0.0, 0.5]])

@@ -48,6 +48,11 @@ def limits(rng, low, high, share=0.5):
     return ends
 
 
+def range_of(middle, reach):
+    """Limits about a middle."""
+    return {"lower": float(middle - reach), "upper": float(middle + reach)}
+
+
 def closure(rng):
     """Kinds that say the same of a planar loop."""
     return str(rng.choice(["revolute", "spherical", "cylindrical"]))
@@ -235,8 +240,7 @@ def two_loops(rng):
     """A four-bar whose rocker drives a second one, and a rotor on the rocker, which has limits."""
     crank, coupler, rocker, base, more, second, far = lengths(rng, 7)
     region = box(interval(rng, -4.0, 4.0, 3.0))
-    middle, reach = rng.uniform(-3.0, 3.0), rng.uniform(2.0, 7.0)
-    held = {"lower": float(middle - reach), "upper": float(middle + reach)}
+    held = range_of(rng.uniform(-3.0, 3.0), rng.uniform(2.0, 7.0))
     joints = [
         joint("revolute", "crank", "base"),
         joint("revolute", "coupler", "crank_body", crank, **spring(rng)),
@@ -293,8 +297,7 @@ def geared_elbows(rng):
     a1, a2, a3, a4, c = lengths(rng, 5)
     gear, offset = float(np.clip(ratio(rng), -6.0, 6.0)), rng.uniform(-1.0, 1.0)
     region = box(interval(rng, -3.0, 3.0, 2.0))
-    middle, reach = rng.uniform(-2.0, 2.0), rng.uniform(1.0, 4.0)
-    held = {"lower": float(middle - reach), "upper": float(middle + reach)}
+    held = range_of(rng.uniform(-2.0, 2.0), rng.uniform(1.0, 4.0))
     joints = [
         joint("revolute", "one", "base"),
         joint("revolute", "two", "base", c, **spring(rng)),

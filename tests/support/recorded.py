@@ -62,23 +62,22 @@ def planar_platform():
     )
 
 
-def gear_train():
-    """A crank with a spring, geared three to one to a wheel that turns without end; both out of balance."""
+def geared(curve, kind="revolute", references=(0.0, 0.0), **of_wheel):
+    """A crank with a spring, geared by a polynomial to a wheel, references and all; both out of balance."""
     links = Link("base"), Link("crank", body(1.0, 0.1, 0.0, 0.02)), Link("wheel", body(0.5, 0.05, 0.02, 0.0))
     joints = (
         Joint("crank", "revolute", "base", "crank", axis=Y, stiffness=0.4, spring_reference=0.3, damping=0.05),
-        Joint("wheel", "continuous", "base", "wheel", at(0.4, 0.0, 0.0), axis=Y, damping=0.01),
+        Joint("wheel", kind, "base", "wheel", at(0.4, 0.0, 0.0), axis=Y, damping=0.01, **of_wheel),
     )
-    gears = (CouplingTerm("crank", (0.0, 3.0)), CouplingTerm("wheel", (0.0, -1.0)))
-    return MechanismDescription(
-        "gear train",
-        "base",
-        links,
-        joints,
-        couplings=(Coupling("gear", gears),),
-        independent=("crank",),
-        actuated=("crank",),
-    )
+    pairs = zip(("crank", "wheel"), (curve, (0.0, -1.0)), references, strict=True)
+    gears = tuple(CouplingTerm(*pair) for pair in pairs)
+    named = {"independent": ("crank",), "actuated": ("crank",)}
+    return MechanismDescription("gears", "base", links, joints, couplings=(Coupling("gear", gears),), **named)
+
+
+def gear_train():
+    """Three to one, to a wheel that turns without end."""
+    return geared((0.0, 3.0), "continuous")
 
 
 def ball_and_universal(**stated):

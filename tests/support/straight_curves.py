@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ccpin.domain.singular import tubes as module
-from ccpin.domain.singular.curve_equations import Drift, Values
-from ccpin.domain.singular.tubes import Stated, glued, proved_again
+from ccpin.proof.curves import tubes as module
+from ccpin.proof.curves.curve_equations import Drift, Values
+from ccpin.proof.curves.tubes import Stated, glued, proved_again
 
 PROBLEM = SimpleNamespace(system=SimpleNamespace(n_free=2, m=1, periodic=np.array([True, False])))
 

@@ -7,7 +7,5 @@ ccpin it imports nothing but errors (a test asserts it).
 
 from ccpin.auditing.audit import verify
 
-__all__ = [
-    "verify",
-]
+__all__ = ["verify"]
 __dir__ = __all__.copy

@@ -29,12 +29,13 @@ Signs are kept until |·| is taken of a product with V or D: near a singular con
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from flint import arb, arb_mat
 
-from ccpin.auditing.closures import BallEquations, columns, exact, floats
+from ccpin.auditing.closures import BallEquations, columns, exact, floats, inverse_of
 from ccpin.auditing.reading import Array, ClaimedDocument, Integers, widened
 
 _PARTS = 6  # of the tube, tried for 2 one after another
@@ -44,6 +45,8 @@ _ROUNDS = 6  # over the tube's faces, which are moved in where 3 holds
 _LOOKS = 4096  # cells of one box
 
 
+Cell = tuple[Array, Array]
+"""Parameters δ between two corners."""
 Sizes = list[list[arb]]
 """Bounds of a matrix, entry by entry."""
 
@@ -83,20 +86,36 @@ def box_proved(closures: BallEquations, box: Box, cuts: int) -> bool | None:
     """
     if not all(r > 0 for r in box.radius):
         return False
-    cells, looks = [(-box.half, box.half, cuts)], _LOOKS
+
+    def held(cell: Cell, done: int) -> bool:
+        return holds(closures, box, cell, narrowing=done >= cuts // 4)
+
+    left = unproved(box.half, cuts, held)
+    if left is None:
+        return True
+    return False if _misses(closures, box, 0.5 * (left[0] + left[1])) else None
+
+
+def unproved(half: Array, cuts: int, held: Callable[[Cell, int], bool], weight: Array | float = 1.0) -> Cell | None:
+    """A cell of |δ| ≤ h that was not proved, cut in two so many times one after another; ``None``: all were.
+
+    `held` tells whether a cell was proved, and is told how often it was cut; the cut is across the largest of its
+    widths times their weights.
+    """
+    cells, looks = [(-half, half, 0)], _LOOKS
     while cells:
-        low, high, left = cells.pop()
+        low, high, done = cells.pop()
         looks -= 1
-        if holds(closures, box, (low, high), narrowing=cuts - left >= cuts // 4):
+        if held((low, high), done):
             continue
-        if not left or not looks:
-            return False if _misses(closures, box, 0.5 * (low + high)) else None
-        axis = int(np.argmax(high - low))
+        if done == cuts or not looks:
+            return low, high
+        axis = int(np.argmax((high - low) * weight))
         middle = 0.5 * (low[axis] + high[axis])
         below, above = high.copy(), low.copy()
         below[axis] = above[axis] = middle
-        cells += [(low, below, left - 1), (above, high, left - 1)]
-    return True
+        cells += [(low, below, done + 1), (above, high, done + 1)]
+    return None
 
 
 def _misses(closures: BallEquations, box: Box, delta: Array) -> bool:
@@ -116,7 +135,7 @@ class Looked(NamedTuple):
     carried: Array
 
 
-def holds(closures: BallEquations, box: Box, cell: tuple[Array, Array], narrowing: bool) -> bool:
+def holds(closures: BallEquations, box: Box, cell: Cell, narrowing: bool) -> bool:
     """The claim for one cell; `narrowing`: the tube is narrowed by 3 where 1 does not hold for all of it."""
     radius = np.array([float(r.upper()) for r in box.radius])
     tube = look(closures, box, cell, np.zeros_like(radius), radius)
@@ -139,7 +158,7 @@ def holds(closures: BallEquations, box: Box, cell: tuple[Array, Array], narrowin
     return False
 
 
-def _one_in_tube(closures: BallEquations, box: Box, cell: tuple[Array, Array], radius: Array) -> bool:
+def _one_in_tube(closures: BallEquations, box: Box, cell: Cell, radius: Array) -> bool:
     """Whether 1 holds for what 3 leaves of the tube, tried at its ends."""
     lower, upper = -radius, radius.copy()
     for _ in range(_ROUNDS):
@@ -172,28 +191,23 @@ def _solution(closures: BallEquations, box: Box, delta: Array) -> Array:
     return zeta
 
 
-def look(closures: BallEquations, box: Box, cell: tuple[Array, Array], middle: Array, part: Array) -> Looked | None:
+def look(closures: BallEquations, box: Box, cell: Cell, middle: Array, part: Array) -> Looked | None:
     """The lemma over a cell (low, high) and ζ₀ ± r; ``None`` where no Ã was found."""
     delta = 0.5 * (cell[0] + cell[1])
     spread = _half_width(*cell)
     shift = box.directions * exact(delta)
-    lift = _embedded(box, exact(middle))
+    lift = embedded(box, exact(middle))
     start = [x + shift[i, 0] + lift[i] for i, x in enumerate(box.centre)]
     along = (box.directions * arb_mat(len(spread), 1, [arb(0, e) for e in spread])).entries()
-    aside = _embedded(box, arb_mat(len(part), 1, [arb(0, float(r)) for r in part]))
+    aside = embedded(box, arb_mat(len(part), 1, [arb(0, float(r)) for r in part]))
     motions = closures.motions(start)
     slope = closures.jacobian(motions)
     around = closures.motions([x + a + b for x, a, b in zip(start, along, aside, strict=True)])
-    chosen, m = box.dependent, closures.m
-    inner = floats(columns(slope, chosen)) @ floats(box.modes)
-    try:
-        A = exact(np.linalg.inv(inner).astype(np.float64))
-    except np.linalg.LinAlgError:
+    chosen = box.dependent
+    A = inverse_of(floats(columns(slope, chosen)) @ floats(box.modes))
+    if A is None:
         return None
-    moves = [[box.directions[i, j] for i in range(closures.n_free)] for j in range(len(spread))]
-    units = [arb_mat(m, 1, [arb(int(i == j)) for i in range(m)]) for j in range(m)]
-    moves += [_embedded(box, unit) for unit in units]
-    bends = [A * closures.variation(around, move) for move in moves]
+    bends = [A * closures.variation(around, move) for move in moves_of(box)]
     drift, plain = _sizes(A * (slope * box.directions)), defect(A * (columns(slope, chosen) * box.modes))
     whole, mean = plain, plain
     for k, (bend, width) in enumerate(zip(bends, [*spread, *map(float, part)], strict=True)):
@@ -223,7 +237,13 @@ def _half_width(low: Array, high: Array) -> list[float]:
     return [float(np.nextafter(max(b - m, m - a), np.inf)) for a, m, b in zip(low, middle, high, strict=True)]
 
 
-def _embedded(box: Box, zeta: arb_mat) -> list[arb]:
+def moves_of(box: Box) -> list[list[arb]]:
+    """How θ moves with each parameter: the columns of D, and of E."""
+    along = box.directions.transpose().tolist()
+    return [*along, *(embedded(box, exact(unit)) for unit in np.eye(len(box.radius)))]
+
+
+def embedded(box: Box, zeta: arb_mat) -> list[arb]:
     """Eζ."""
     moved, whole = box.modes * zeta, [arb(0)] * len(box.centre)
     for row, index in enumerate(box.dependent):

@@ -184,6 +184,14 @@ def floats(matrix: arb_mat) -> Array:
     return np.array(values).reshape(matrix.nrows(), matrix.ncols())
 
 
+def inverse_of(matrix: Array) -> arb_mat | None:
+    """About the inverse of a matrix, as doubles; ``None``: it has none."""
+    try:
+        return exact(np.linalg.inv(matrix).astype(np.float64))
+    except np.linalg.LinAlgError:
+        return None
+
+
 def _path(chain: SerialChain) -> Path:
     turns = []
     for k, joint in enumerate(chain.joints):

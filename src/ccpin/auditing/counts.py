@@ -27,7 +27,7 @@ import numpy as np
 from flint import arb
 
 from ccpin.auditing.boxes import contracts, defect
-from ccpin.auditing.closures import columns, exact
+from ccpin.auditing.closures import columns, inverse_of
 from ccpin.auditing.empty_cells import Emptiness
 from ccpin.auditing.gluing import in_tube, near
 from ccpin.auditing.reach import CornerBox
@@ -115,12 +115,9 @@ def _alone(search: Emptiness, box: CornerBox, solution: Solution) -> bool:
     low[at] = np.minimum(low[at], np.nextafter(theta[at] - radius, -np.inf))
     high[at] = np.maximum(high[at], np.nextafter(theta[at] + radius, np.inf))
     closures, middle = search.closures, 0.5 * (low + high)
-    try:
-        A = exact(np.linalg.inv(closures.at(middle)[1][:, at]).astype(np.float64))
-    except np.linalg.LinAlgError:
-        return False
+    A = inverse_of(closures.at(middle)[1][:, at])
     slope = closures.jacobian(closures.motions(CornerBox(low, high).balls()))
-    return contracts(defect(A * columns(slope, at)))
+    return A is not None and contracts(defect(A * columns(slope, at)))
 
 
 def _among(search: Emptiness, found: list[Solution], solution: Solution) -> bool | None:

@@ -19,7 +19,7 @@ import numpy as np
 from flint import arb, arb_mat
 
 from ccpin.auditing.boxes import contracts, defect
-from ccpin.auditing.closures import BallClosures, columns, exact, floats
+from ccpin.auditing.closures import BallClosures, columns, floats, inverse_of
 from ccpin.auditing.legs import Legs
 from ccpin.auditing.reach import CornerBox, Reach, above, below
 from ccpin.auditing.reading import Array, ClaimedDocument, Integers, corners
@@ -39,12 +39,12 @@ class Emptiness:
     def __init__(self, closures: BallClosures, document: ClaimedDocument) -> None:
         self.closures, self.document = closures, document
         dependent = document.dependent
-        turns = {int(j) for c in document.chains for j, p in zip(c.joints, c.prismatic, strict=True) if not p}
+        turns = {int(j) for chain in document.chains for j in chain.joints[~chain.prismatic]}
         self.turning = dependent[document.periodic[dependent]]
         self.angles = np.array(sorted(turns & set(dependent.tolist())), dtype=np.int64)
         self.bounds = intervals(Reach(closures, document, frozenset()))
         endless = set(np.flatnonzero(~np.isfinite(self.bounds.high - self.bounds.low)).tolist())
-        slides = {int(j) for c in document.chains for j, p in zip(c.joints, c.prismatic, strict=True) if p}
+        slides = {int(j) for chain in document.chains for j in chain.joints[chain.prismatic]}
         self.reach = Reach(closures, document, endless & slides)
         self.platform = Legs.of(self.reach)
         self.searched = not np.any(document.moduli) and not endless and len(dependent) <= _MOST
@@ -130,9 +130,8 @@ class Emptiness:
         smaller = self._solved(box, middle, value, slope)
         if smaller is None or np.any(box.half[self.angles] > _SLOPES):
             return smaller, False
-        try:
-            A = exact(np.linalg.inv(floats(columns(closures.jacobian(start), dependent))).astype(np.float64))
-        except np.linalg.LinAlgError:
+        A = inverse_of(floats(columns(closures.jacobian(start), dependent)))
+        if A is None:
             return smaller, False
         along = A * slope
         return self._solved(smaller, middle, A * value, along), contracts(defect(columns(along, dependent)))

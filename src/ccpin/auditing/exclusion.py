@@ -30,7 +30,7 @@ from flint import arb, arb_mat
 from scipy.linalg import qr
 
 from ccpin.auditing.boxes import contracts, defect
-from ccpin.auditing.closures import BallClosures, columns, exact, floats
+from ccpin.auditing.closures import BallClosures, columns, floats, inverse_of
 from ccpin.auditing.reach import CornerBox, Reach, above, below
 from ccpin.auditing.reading import Array, Curves
 from ccpin.auditing.singular_curves import Singular, placed, turns
@@ -115,18 +115,14 @@ class Exclusion:
     def _regular(self, slope: arb_mat, at: Array) -> bool:
         """Whether φ_y is regular on the box (Lemma A)."""
         dependent = self.document.dependent
-        try:
-            inverse = _inverse(at[:, dependent])
-        except np.linalg.LinAlgError:
-            return False
-        return contracts(defect(exact(inverse) * columns(slope, dependent)))
+        A = inverse_of(at[:, dependent])
+        return A is not None and contracts(defect(A * columns(slope, dependent)))
 
     def _closing(self, box: CornerBox, slope: arb_mat, at: _Middle) -> CornerBox | None:
         """The box without some of what closes nothing (Lemma A), P the inverse of the columns that move φ most."""
         pivots = qr(at.slope * np.sqrt(box.half), mode="r", pivoting=True)[1][: self.closures.m]
-        try:
-            P = exact(_inverse(at.slope[:, pivots]))
-        except np.linalg.LinAlgError:
+        P = inverse_of(at.slope[:, pivots])
+        if P is None:
             return box
         constant, along = P * at.value, P * slope
         low, high = box.low.copy(), box.high.copy()
@@ -170,31 +166,28 @@ class Exclusion:
         """The tubes in whose box of θ, twice as wide, a configuration lies."""
         if not len(self._middles):
             return []
-        gap = theta - self._middles
-        gap -= np.where(self._free, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0)
-        inside = np.all(np.abs(gap) <= 2.0 * self._extents[:, : len(theta)] + _WIDER, axis=1)
+        gaps = self._gaps(theta, self._middles)
+        inside = np.all(np.abs(gaps) <= 2.0 * self._extents[:, : len(theta)] + _WIDER, axis=1)
         return [int(k) for k in np.flatnonzero(inside)]
 
     def _near(self, box: CornerBox) -> list[int]:
         """The tubes nearest to a box's middle, of those that are not far from it."""
-        gap = box.middle - self._middles
-        gap -= np.where(self._free, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0)
-        distance = np.abs(gap).max(axis=1)
+        distance = np.abs(self._gaps(box.middle, self._middles)).max(axis=1)
         first = np.argsort(distance, kind="stable")[:_BESIDE]
         return [int(k) for k in first if distance[k] <= _FAR * self._lengths[k]]
 
     def _is_listed(self, box: CornerBox) -> bool:
         """Whether a listed box holds all of a box."""
-        return bool(np.any(np.all(np.abs(self._off(box)) + box.half <= self._reach, axis=1)))
+        return bool(np.any(np.all(np.abs(self._gaps(box.middle, self._listed)) + box.half <= self._reach, axis=1)))
 
-    def _off(self, box: CornerBox) -> Array:
-        """From the listed boxes' middles to a box's, without whole turns."""
-        gap = box.middle - self._listed
+    def _gaps(self, theta: Array, places: Array) -> Array:
+        """From places to a configuration, without whole turns."""
+        gap = theta - places
         return np.asarray(gap - np.where(self._free, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0))
 
     def _face(self, box: CornerBox) -> tuple[int, float] | None:
         """Where to cut a box of which a listed box holds a good part: its axis and place; ``None``: there is none."""
-        middle, reach = box.middle - self._off(box), self._reach - 0.5 * _WIDER
+        middle, reach = box.middle - self._gaps(box.middle, self._listed), self._reach - 0.5 * _WIDER
         low, high = np.maximum(box.low, middle - reach), np.minimum(box.high, middle + reach)
         shares = np.maximum(high - low, 0.0) / np.maximum(2.0 * box.half, 1e-300)
         held = np.prod(shares, axis=1)
@@ -218,10 +211,6 @@ class _Middle(NamedTuple):
         point = [arb(float(x)) for x in box.middle]
         motions = closures.motions(point)
         return _Middle(point, closures.value(point, motions), floats(closures.jacobian(motions)))
-
-
-def _inverse(matrix: Array) -> Array:
-    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
 def searched(closures: BallClosures, document: Curves) -> CornerBox:

@@ -16,7 +16,7 @@ from flint import arb, arb_mat
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ccpin.auditing.boxes import box_of
+from ccpin.auditing.boxes import box_of, defect
 from ccpin.auditing.closures import BallClosures, BallEquations, columns, exact
 from ccpin.auditing.reading import Array, ClaimedDocument, Faces, Integers
 from ccpin.auditing.tiling import WHOLE
@@ -119,17 +119,14 @@ def near(closures: BallEquations, dependent: Integers, theta: Array) -> tuple[Ar
             break
     point, A = [arb(float(x)) for x in theta], exact(inverse)
     value = A * closures.value(point, closures.motions(point))
-    size = max((float(abs(value[i, 0]).upper()) for i in range(closures.m)), default=0.0)
+    size = max((float(abs(f).upper()) for f in value.entries()), default=0.0)
     for factor in (1.25, 4.0, 64.0, 4096.0):
         radius = factor * max(size, 1e-15)
         ball = list(point)
         for index in dependent:
             ball[int(index)] = ball[int(index)] + arb(0, radius)
         slope = A * columns(closures.jacobian(closures.motions(ball)), dependent)
-        rest = max(
-            float(sum((abs(int(i == j) - slope[i, j]) for j in range(closures.m)), arb(0)).upper())
-            for i in range(closures.m)
-        )
+        rest = max(float(sum(row, arb(0)).upper()) for row in defect(slope))
         if rest < 1.0 and size + rest * radius < radius:
             return theta, radius
     return None

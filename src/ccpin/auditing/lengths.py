@@ -60,7 +60,7 @@ def norm_of(weights: arb_mat) -> arb:
 
 
 def size_of(vector: arb_mat) -> arb:
-    """|x|."""
+    """|x|, of a matrix ‖X‖_F."""
     return root_of(sum((abs(x) * abs(x) for x in vector.entries()), arb(0)))
 
 

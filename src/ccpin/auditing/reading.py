@@ -241,10 +241,12 @@ class Curves(NamedTuple):
     uncovered_lower: Array
     uncovered_upper: Array
 
-    def free(self, joint: int) -> bool:
-        """Whether a coordinate is an angle that φ knows modulo 2π: one that only turns chains, in no coupling."""
-        slides = any(np.any(chain.prismatic[chain.joints == joint]) for chain in self.chains)
-        return bool(self.periodic[joint]) and not slides and not np.any(self.couplings[:, joint])
+
+def free_angles(document: ClaimedDocument | Curves) -> list[bool]:
+    """Which coordinates are angles that φ knows modulo 2π: those that only turn chains, in no coupling."""
+    slides = {int(j) for chain in document.chains for j in chain.joints[chain.prismatic]}
+    bound = np.any(document.couplings != 0.0, axis=0)
+    return [bool(document.periodic[j]) and j not in slides and not bound[j] for j in range(len(bound))]
 
 
 def read(path: str | Path) -> ClaimedDocument | Curves:

@@ -31,7 +31,7 @@ from flint import arb, arb_mat
 from ccpin.auditing.boxes import Box, box_proved
 from ccpin.auditing.closures import BallClosures, TipMotion, columns, exact, floats
 from ccpin.auditing.gluing import near
-from ccpin.auditing.reading import Array, Curves, CurveTube, Integers
+from ccpin.auditing.reading import Array, Curves, CurveTube, Integers, free_angles
 
 if TYPE_CHECKING:
     from ccpin.auditing.exclusion import Exclusion
@@ -236,7 +236,7 @@ def place(x: list[arb], tube: TubeEquations, turning: list[bool]) -> arb | None:
 
 def turns(closures: BallClosures, document: Curves) -> list[bool]:
     """Which coordinates of x are angles that φ knows modulo 2π."""
-    return [*(document.free(j) for j in range(closures.n_free)), *[False] * closures.m]
+    return [*free_angles(document), *[False] * closures.m]
 
 
 def without_turns(angle: arb) -> arb:

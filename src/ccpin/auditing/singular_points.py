@@ -10,8 +10,10 @@ from __future__ import annotations
 import numpy as np
 from flint import arb, arb_mat
 
-from ccpin.auditing.closures import BallClosures, columns, exact, floats
+from ccpin.auditing.boxes import defect
+from ccpin.auditing.closures import BallClosures, exact, floats
 from ccpin.auditing.reading import Array, ClaimedDocument, corners
+from ccpin.auditing.singular_curves import Singular
 
 _NEWTON = 30  # steps of Newton's method, at most
 
@@ -60,14 +62,13 @@ def _on_line(
         centre[index] = arb(float(start[row])) + arb(float(along)) * arb(float(direction[row]))
     weights, A = [arb(float(x)) for x in kernel], exact(inverse)
     value = A * _extended(closures, document, centre, weights, direction, weak)[0]
-    size = max(float(abs(value[i, 0]).upper()) for i in range(2 * m + 1))
+    size = max(float(abs(f).upper()) for f in value.entries())
     for factor in (2.0, 16.0, 256.0):
         r = factor * max(size, 1e-15)
         around = [x + arb(0, r * float(abs(d))) for x, d in zip(centre, _lifted(document, direction, 1.0), strict=True)]
         near = [x + arb(0, r) for x in weights]
         image = A * _extended(closures, document, around, near, direction, weak)[1]
-        rows = [sum((abs(int(i == j) - image[i, j]) for j in range(2 * m + 1)), arb(0)) for i in range(2 * m + 1)]
-        if all(abs(value[i, 0]) + rows[i] * r < r for i in range(2 * m + 1)):
+        if all(abs(f) + sum(row, arb(0)) * r < r for f, row in zip(value.entries(), defect(image), strict=True)):
             return _inside(document, [around[int(i)] for i in q], cell)
     return False
 
@@ -87,28 +88,13 @@ def _extended(
     direction: Array,
     pairing: Array,
 ) -> tuple[arb_mat, arb_mat]:
-    """F and F′."""
-    m, motions = closures.m, closures.motions(theta)
-    weighted = [arb(0)] * closures.n_free
-    for w, index in zip(kernel, document.dependent, strict=True):
-        weighted[int(index)] = w
-    slope, bent = closures.jacobian(motions), closures.variation(motions, weighted)
-    inner, along = columns(slope, document.dependent), exact(direction)
-    phi, turned = closures.value(theta, motions), inner * arb_mat(m, 1, kernel)
-    paired = sum((w * arb(float(p)) for w, p in zip(kernel, pairing, strict=True)), arb(-1))
-    value = arb_mat(2 * m + 1, 1, [*phi.entries(), *turned.entries(), paired])
-    whole = arb_mat(2 * m + 1, 2 * m + 1)
-    for first, matrix in ((0, slope), (m, bent)):
-        line, rest = columns(matrix, document.independent) * along, columns(matrix, document.dependent)
-        for i in range(m):
-            whole[first + i, 0] = line[i, 0]
-            for j in range(m):
-                whole[first + i, 1 + j] = rest[i, j]
-    for i in range(m):
-        for j in range(m):
-            whole[m + i, m + 1 + j] = inner[i, j]
-        whole[2 * m, m + 1 + i] = arb(float(pairing[i]))
-    return value, whole
+    """F and F′: G and G′ of `singular_curves`, along the line."""
+    system, x, m = Singular(closures, document.dependent, pairing), [*theta, *kernel], closures.m
+    moves = np.zeros((system.n_free, system.m))
+    moves[document.independent, 0] = direction
+    moves[document.dependent, 1 : m + 1] = moves[closures.n_free :, m + 1 :] = np.eye(m)
+    moved = system.motions(x)
+    return system.value(x, moved), system.jacobian(moved) * exact(moves)
 
 
 def _inside(document: ClaimedDocument, q: list[arb], cell: tuple[Array, Array]) -> bool:

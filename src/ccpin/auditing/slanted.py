@@ -35,7 +35,7 @@ import numpy as np
 from flint import arb, arb_mat
 
 from ccpin.auditing.boxes import defect
-from ccpin.auditing.closures import columns, exact, floats
+from ccpin.auditing.closures import columns, exact, floats, inverse_of
 from ccpin.auditing.reach import CornerBox, above, below
 from ccpin.auditing.reading import Array
 from ccpin.auditing.singular_curves import Singular, TubeEquations, without_turns
@@ -82,9 +82,8 @@ def cut_down(box: CornerBox, system: Singular, tube: TubeEquations | None, turni
     along = int(np.argmax(np.abs(tangent)))
     tangent = tangent / tangent[along]
     others = np.delete(np.arange(system.n_free), along)
-    try:
-        P = exact(np.asarray(np.linalg.inv(slope[:, others]), dtype=np.float64))
-    except np.linalg.LinAlgError:
+    P = inverse_of(slope[:, others])
+    if P is None:
         return box
     reach = (extent + np.abs(tangent) * extent[along]) * (1.0 + 1e-12)
     reach[along] = 0.0

@@ -18,6 +18,7 @@ where it says that this is one: then a configuration is in its ranges if and onl
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import groupby
 
 import numpy as np
 from flint import arb, arb_mat
@@ -25,6 +26,7 @@ from flint import arb, arb_mat
 from ccpin.auditing.closures import Path, exact, floats
 from ccpin.auditing.lengths import size_of
 from ccpin.auditing.reach import ChainGroup, CornerBox, Reach, above, below
+from ccpin.auditing.reading import free_angles
 
 TURN = np.pi + 1e-9
 """Half of what angles known modulo 2π may have, and a bit."""
@@ -47,7 +49,7 @@ def unproved(reach: Reach) -> list[int]:
     stated, dependent = reach.document.ranges, reach.document.dependent
     if stated is None:
         return []
-    box, free, wrong = intervals(reach), _free(reach), list[int]()
+    box, free, wrong = intervals(reach), free_angles(reach.document), list[int]()
     for k, j in enumerate(map(int, dependent)):
         ends, limits, reasons = (stated.lower[k], stated.upper[k]), stated.limits[k], stated.reasons[k]
         if free[j]:
@@ -60,20 +62,12 @@ def unproved(reach: Reach) -> list[int]:
     return wrong
 
 
-def _free(reach: Reach) -> list[bool]:
-    """Which coordinates are angles that φ knows modulo 2π."""
-    document = reach.document
-    slides = {int(j) for c in document.chains for j, p in zip(c.joints, c.prismatic, strict=True) if p}
-    bound = np.any(document.couplings != 0.0, axis=0)
-    return [bool(document.periodic[j]) and j not in slides and not bound[j] for j in range(len(bound))]
-
-
 class _CoordinateIntervals:
     """Intervals that the lemma makes smaller."""
 
     def __init__(self, reach: Reach) -> None:
         self._reach, document = reach, reach.document
-        size, stated, free = reach.closures.n_free, document.ranges, np.array(_free(reach))
+        size, stated, free = reach.closures.n_free, document.ranges, np.array(free_angles(reach.document))
         self.low, self.high = np.full(size, -np.inf), np.full(size, np.inf)
         if stated is not None:
             low, high = stated.limits.T
@@ -166,12 +160,6 @@ class _CoordinateIntervals:
 
 def _between_turns(path: Path) -> Iterator[list[int]]:
     """The slides of a chain that have no turn between them, by their places in it."""
-    together = list[int]()
-    for k, turn in enumerate(path.turns):
-        if turn.prismatic:
-            together.append(k)
-        elif together:
-            yield together
-            together = []
-    if together:
-        yield together
+    for slides, together in groupby(range(len(path.turns)), lambda k: path.turns[k].prismatic):
+        if slides:
+            yield list(together)

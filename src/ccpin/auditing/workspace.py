@@ -34,15 +34,15 @@ from __future__ import annotations
 import numpy as np
 from flint import arb, arb_mat
 
-from ccpin.auditing.boxes import Box, box_of, contracts, defect
-from ccpin.auditing.closures import BallClosures, columns, exact, floats
+from ccpin.auditing.boxes import Box, Cell, box_of, contracts, defect, embedded, moves_of, unproved
+from ccpin.auditing.closures import BallClosures, columns, exact, floats, inverse_of
 from ccpin.auditing.gluing import in_tube, near
+from ccpin.auditing.lengths import size_of
 from ccpin.auditing.reach import above
 from ccpin.auditing.reading import Array, ClaimedDocument, ClaimedRequirements, Integers
 
 _ROOM = 1.0 + 1e-6  # on T as computed, which is then tried: 2 needs it no smaller than (I − M)⁻¹F
 _LEAST = 1e-300  # above zero, where F is zero: T > 0
-_LOOKS = 4096  # cells of one box
 
 
 def met(closures: BallClosures, document: ClaimedDocument, k: int, cuts: int) -> bool | None:
@@ -54,26 +54,15 @@ def met(closures: BallClosures, document: ClaimedDocument, k: int, cuts: int) ->
     if demands is None:
         return True
     box = box_of(document, k)
-    if not _within(demands, _reached(document, box, -box.half, box.half)):
+    if not _within(demands, _reached(box, -box.half, box.half)):
         return False if _beyond(closures, document, k) else None
     if not demands.driven.size:
         return True
     if len(demands.driven) != len(document.independent):
         return False
-    cells, looks = [(-box.half, box.half, cuts)], _LOOKS
-    while cells:
-        low, high, left = cells.pop()
-        looks -= 1
-        if _holds(_Slopes(closures, document, box, (low, high)), demands):
-            continue
-        if not left or not looks:
-            return None
-        axis = int(np.argmax((high - low) * np.abs(floats(box.directions)).max(axis=0)))
-        middle = 0.5 * (low[axis] + high[axis])
-        below, above = high.copy(), low.copy()
-        below[axis] = above[axis] = middle
-        cells += [(low, below, left - 1), (above, high, left - 1)]
-    return True
+    weight = np.abs(floats(box.directions)).max(axis=0)  # what moves θ most is cut
+    left = unproved(box.half, cuts, lambda cell, _: _holds(_Slopes(closures, document, box, cell), demands), weight)
+    return True if left is None else None
 
 
 def _beyond(closures: BallClosures, document: ClaimedDocument, k: int) -> bool:
@@ -90,14 +79,12 @@ def _beyond(closures: BallClosures, document: ClaimedDocument, k: int) -> bool:
     )
 
 
-def _reached(document: ClaimedDocument, box: Box, low: Array, high: Array) -> list[arb]:
+def _reached(box: Box, low: Array, high: Array) -> list[arb]:
     """θ over a cell of a box's parameters."""
     delta = [arb(float(a)).union(arb(float(b))) for a, b in zip(low, high, strict=True)]
-    theta = [c + d for c, d in zip(box.centre, (box.directions * arb_mat(len(delta), 1, delta)).entries(), strict=True)]
-    tube = (box.modes * arb_mat(len(box.radius), 1, [arb(0, float(r)) for r in box.radius])).entries()
-    for row, index in enumerate(document.dependent):
-        theta[int(index)] = theta[int(index)] + tube[row]
-    return theta
+    along = (box.directions * arb_mat(len(delta), 1, delta)).entries()
+    tube = embedded(box, arb_mat(len(box.radius), 1, [arb(0, float(r)) for r in box.radius]))
+    return [c + d + e for c, d, e in zip(box.centre, along, tube, strict=True)]
 
 
 def _within(demands: ClaimedRequirements, theta: list[arb]) -> bool:
@@ -111,22 +98,17 @@ def _within(demands: ClaimedRequirements, theta: list[arb]) -> bool:
 class _Slopes:
     """φ_θ over a cell of a box's parameters and its tube."""
 
-    def __init__(self, closures: BallClosures, document: ClaimedDocument, box: Box, cell: tuple[Array, Array]) -> None:
+    def __init__(self, closures: BallClosures, document: ClaimedDocument, box: Box, cell: Cell) -> None:
         self.document, self.size = document, closures.n_free
         middle = 0.5 * (cell[0] + cell[1])
         start = (box.directions * exact(middle)).entries()
         theta = [x + d for x, d in zip(box.centre, start, strict=True)]
-        around = closures.motions(_reached(document, box, *cell))
+        around = closures.motions(_reached(box, *cell))
         self.middle, self.plain = closures.jacobian(closures.motions(theta)), closures.jacobian(around)
-        moves = [[box.directions[i, j] for i in range(self.size)] for j in range(len(middle))]
-        for j in range(closures.m):
-            moves.append([arb(0)] * self.size)
-            for row, index in enumerate(document.dependent):
-                moves[-1][int(index)] = box.modes[row, j]
         ends = zip(middle, *cell, strict=True)
         widths = [arb(0, float(np.nextafter(max(b - x, x - a), np.inf))) for x, a, b in ends]
         widths += [arb(0, float(r.upper())) for r in box.radius]
-        self.bends = [(closures.variation(around, move), w) for move, w in zip(moves, widths, strict=True)]
+        self.bends = [(closures.variation(around, move), w) for move, w in zip(moves_of(box), widths, strict=True)]
 
     def between(self, gain: arb_mat, right: arb_mat) -> arb_mat:
         """Ã φ_θ B."""
@@ -145,7 +127,7 @@ class _Slopes:
 def _holds(slopes: _Slopes, demands: ClaimedRequirements) -> bool:
     """1 and, where it is asked for, dexterity, over a cell."""
     others = np.setdiff1d(np.arange(slopes.size), demands.driven)
-    gain = _inverse(columns(slopes.middle, others))
+    gain = inverse_of(floats(columns(slopes.middle, others)))
     if gain is None or not contracts(defect(slopes.between(gain, slopes.chosen(others)))):
         return False
     if demands.dexterity == 0.0:
@@ -154,18 +136,10 @@ def _holds(slopes: _Slopes, demands: ClaimedRequirements) -> bool:
     return found is not None and _dexterous(demands, slopes.document, *found)
 
 
-def _inverse(matrix: arb_mat) -> arb_mat | None:
-    """About the inverse of a matrix's middle, as doubles."""
-    try:
-        return exact(np.linalg.inv(floats(matrix)).astype(np.float64))
-    except np.linalg.LinAlgError:
-        return None
-
-
 def _derivative(slopes: _Slopes) -> tuple[Array, Array] | None:
     """X and T of 2."""
     document = slopes.document
-    gain = _inverse(columns(slopes.middle, document.dependent))
+    gain = inverse_of(floats(columns(slopes.middle, document.dependent)))
     if gain is None:
         return None
     shrunk = defect(slopes.between(gain, slopes.chosen(document.dependent)))
@@ -195,8 +169,8 @@ def _dexterous(demands: ClaimedRequirements, document: ClaimedDocument, X: Array
     per = [arb(1) / arb(float(unit)) for unit in demands.units]
     K, error = (_scaled(part[demands.driven], per) for part in (whole, spread))
     U, S, Vt = np.linalg.svd(floats(K))
-    u, v = (_frobenius(exact(Q.T) * exact(Q) - exact(np.eye(len(S)))) for Q in (U, Vt.T))
-    g, e = _frobenius(exact(U.T) * K * exact(Vt.T) - exact(np.diag(S))), _frobenius(error)
+    u, v = (size_of(exact(Q.T) * exact(Q) - exact(np.eye(len(S)))) for Q in (U, Vt.T))
+    g, e = size_of(exact(U.T) * K * exact(Vt.T) - exact(np.diag(S))), size_of(error)
     if not (u < 1 and v < 1):
         return False
     least = (arb(float(S.min())) - g) / ((1 + u) * (1 + v)).sqrt() - e
@@ -208,9 +182,3 @@ def _scaled(matrix: Array, per: list[arb]) -> arb_mat:
     """A matrix, each column multiplied by a number."""
     rows, cols = matrix.shape
     return arb_mat(rows, cols, [arb(float(matrix[i, j])) * per[j] for i in range(rows) for j in range(cols)])
-
-
-def _frobenius(matrix: arb_mat) -> arb:
-    """An upper bound of ‖·‖_F."""
-    total = sum((abs(x) * abs(x) for x in matrix.entries()), arb(0))
-    return arb(arb(total.upper()).sqrt().upper())

@@ -34,6 +34,15 @@ class CommandParser(argparse.ArgumentParser):
         super().__init__(**{"formatter_class": argparse.RawDescriptionHelpFormatter} | options)
 
 
+def add_command(
+    commands: Any, name: str, what: str, examples: str, run: Callable[[argparse.Namespace], int | None]
+) -> argparse.ArgumentParser:
+    """A command: what it does, examples of it, and what runs it."""
+    parser: argparse.ArgumentParser = commands.add_parser(name, help=what, description=what, epilog=examples)
+    parser.set_defaults(run=run)
+    return parser
+
+
 def add_completion(parser: argparse.ArgumentParser) -> None:
     """``--print-completion``: a script for the shell; mechanisms complete to installed models and files."""
     models = " ".join(installed_models())

@@ -8,7 +8,7 @@ from typing import Any
 
 import shtab
 
-from ccpin.cli.command import complete
+from ccpin.cli.command import add_command, complete
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.description.formats import FORMATS
@@ -18,12 +18,11 @@ def add_convert(commands: Any) -> None:
     """The command and its options."""
     what = "write the mechanism as URDF+, SDFormat, MJCF or a toolbox robot.yaml"
     example = "example: ccpin convert rpdr --out rpdr.xml"
-    parser = commands.add_parser("convert", help=what, description=what, epilog=example)
+    parser = add_command(commands, "convert", what, example, _convert)
     add_mechanism(parser)
     written = "the file to write; .urdf, .sdf, .xml or .yaml"
     complete(parser.add_argument("--out", required=True, metavar="FILE", help=written), shtab.FILE)
     parser.add_argument("--to", choices=tuple(FORMATS), help="the format, where the suffix does not tell it")
-    parser.set_defaults(run=_convert)
 
 
 def _convert(options: argparse.Namespace) -> int:

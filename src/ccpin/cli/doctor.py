@@ -13,6 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from ccpin.cli.command import add_command
 from ccpin.cli.options import add_mechanism, load
 from ccpin.errors import InvalidInputError
 from ccpin.native import backend
@@ -26,9 +27,8 @@ def add_doctor(commands: Any) -> None:
     """The command and its options."""
     help_text = "versions, cores, compiled core, compiler, browser, and a mechanism's meshes where one is named"
     example = "example: ccpin doctor delta --json"
-    parser = commands.add_parser("doctor", help=help_text, description=help_text, epilog=example)
+    parser = add_command(commands, "doctor", help_text, example, _doctor)
     add_mechanism(parser, optional=True)
-    parser.set_defaults(run=_doctor)
 
 
 def _doctor(options: argparse.Namespace) -> int:

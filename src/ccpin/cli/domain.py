@@ -14,7 +14,7 @@ import shtab
 
 from ccpin.arrays import Array
 from ccpin.cli.certificates import curve_facts, curves_in_words, sheet_facts, sheets_in_words
-from ccpin.cli.command import INTERRUPTED, complete, count, index, judged
+from ccpin.cli.command import INTERRUPTED, add_command, complete, count, index, judged
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import busy, progress_bar
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -33,7 +33,7 @@ SHARES = ("certified", "empty", "singular", "undecided", "unreached")
 def add_domain(commands: Any) -> None:
     """The command and its options."""
     what = "where the model holds: certified radii, an atlas, singular curves"
-    parser = commands.add_parser("domain", help=what, description=what, epilog=_EXAMPLES)
+    parser = add_command(commands, "domain", what, _EXAMPLES, _domain)
     add_mechanism(parser)
     add_vector(
         parser,
@@ -68,7 +68,6 @@ def add_domain(commands: Any) -> None:
     )
     drawn = "write figures there (n = 2)"
     complete(parser.add_argument("--plot", type=Path, metavar="DIR", help=drawn), shtab.DIRECTORY)
-    parser.set_defaults(run=_domain)
 
 
 def _domain(options: argparse.Namespace) -> int:

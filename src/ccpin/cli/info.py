@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ccpin.cli.command import count, positive
+from ccpin.cli.command import add_command, count, positive
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import progress_bar
 from ccpin.description.joint_kinds import JOINT_KINDS
@@ -24,9 +24,8 @@ _BAR = "{l_bar}{bar}| {n_fmt} of {total_fmt} starts without news, {postfix}"
 def add_info(commands: Any) -> None:
     """The command and its options."""
     what = "what was loaded: sizes, mobility, joints, conditioning"
-    parser = commands.add_parser("info", help=what, description=what, epilog="example: ccpin info rpdr")
+    parser = add_command(commands, "info", what, "example: ccpin info rpdr", _info)
     add_mechanism(parser)
-    parser.set_defaults(run=_info)
 
 
 def _info(options: argparse.Namespace) -> None:
@@ -38,7 +37,7 @@ def add_modes(commands: Any) -> None:
     """The command and its options."""
     what = "the assembly modes over a given q"
     example = "example: ccpin modes rpdr --q-deg -100 -80"
-    parser = commands.add_parser("modes", help=what, description=what, epilog=example)
+    parser = add_command(commands, "modes", what, example, _modes)
     add_mechanism(parser)
     add_vector(parser, "q", "independent coordinates (default: the reference's)")
     parser.add_argument("--budget", type=positive, metavar="S", help="stop after so many seconds (default: no limit)")
@@ -46,7 +45,6 @@ def add_modes(commands: Any) -> None:
         "--patience", type=count, default=60, metavar="N", help="end after N closed starts without news"
     )
     parser.add_argument("--limit", type=count, default=2000, metavar="N", help="stop after N starts (default 2000)")
-    parser.set_defaults(run=_modes)
 
 
 def _modes(options: argparse.Namespace) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 import shtab
 
 from ccpin.cli.certificates import curve_facts, curves_in_words, document, sheet_facts, sheets_in_words
-from ccpin.cli.command import complete, judged
+from ccpin.cli.command import add_command, complete, judged
 from ccpin.cli.progress import busy
 
 _EXAMPLES = """\
@@ -29,7 +29,7 @@ def add_merge(commands: Any) -> None:
         "put saved atlases, sheets, or singular curves of the parts of a region together: atlases (of one branch) and "
         "sheets whose regions are got by halving one box, curves whose regions fill one"
     )
-    parser = commands.add_parser("merge", help=what, description=what, epilog=_EXAMPLES)
+    parser = add_command(commands, "merge", what, _EXAMPLES, _merge)
     files = parser.add_argument("parts", type=Path, nargs="+", metavar="FILE", help="what `ccpin domain --save` wrote")
     complete(files, shtab.FILE)
     out = parser.add_argument(
@@ -37,7 +37,6 @@ def add_merge(commands: Any) -> None:
     )
     complete(out, shtab.FILE)
     parser.add_argument("--json", action="store_true", help="print JSON")
-    parser.set_defaults(run=_merge)
 
 
 def _merge(options: argparse.Namespace) -> int:

@@ -20,14 +20,14 @@ from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.plant.limits import Effort, Limits, Position, Velocity
 from ccpin.simulation.plant.motors import MotorModel
 
+_AS_LOADED = (
+    *("independent", "actuated", "locked", "free", "geometry_tolerance", "floating_base"),
+    *("format", "model", "include_root", "xacro"),
+)
+"""What `ccpin.load` calls as the options are called."""
 _SAMPLED = (
-    "encoder_counts",
-    "velocity_cutoff_hz",
-    "saturation",
-    "delay_samples",
-    "encoder_noise",
-    "motor_lag",
-    "motor_rate",
+    *("encoder_counts", "velocity_cutoff_hz", "saturation", "delay_samples", "encoder_noise"),
+    *("motor_lag", "motor_rate"),
 )
 """What means something in a sampled loop only."""
 
@@ -59,22 +59,9 @@ def add_mechanism(parser: argparse.ArgumentParser, optional: bool = False) -> No
 def load(options: argparse.Namespace) -> Mechanism:
     """The mechanism the options name."""
     reference, xacro_arguments = _pose(options.reference), _xacro_arguments(options.xacro_arg)
+    stated = {name: value for name in _AS_LOADED if (value := getattr(options, name)) is not None}
     with busy(options.json, f"loading {options.mechanism}"):
-        return load_mechanism(
-            options.mechanism,
-            independent=options.independent,
-            actuated=options.actuated,
-            locked=options.locked,
-            free=options.free,
-            reference=reference,
-            **({} if options.geometry_tolerance is None else {"geometry_tolerance": options.geometry_tolerance}),
-            floating_base=options.floating_base,
-            format=options.format,
-            model=options.model,
-            include_root=options.include_root,
-            xacro=options.xacro,
-            xacro_arguments=xacro_arguments,
-        )
+        return load_mechanism(options.mechanism, reference=reference, xacro_arguments=xacro_arguments, **stated)
 
 
 def _xacro_arguments(written: list[str]) -> dict[str, str]:

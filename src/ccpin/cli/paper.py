@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ccpin.cli.command import PROVEN, REFUTED
+from ccpin.cli.command import PROVEN, REFUTED, add_command
 from ccpin.cli.progress import progress_bar
 from ccpin.files import writable_target
 
@@ -21,10 +21,9 @@ def add_paper(commands: Any) -> None:
     """The command and its options."""
     help_text = "every equation, figure and table of the paper beside ccpin's, as one offline page"
     example = "example: ccpin paper -o paper.html"
-    parser = commands.add_parser("paper", help=help_text, description=help_text, epilog=example)
+    parser = add_command(commands, "paper", help_text, example, _paper)
     parser.add_argument("-o", "--out", type=Path, metavar="HTML", help="write the page there")
     parser.add_argument("--json", action="store_true", help="print machine-readable JSON: items, differences, errata")
-    parser.set_defaults(run=_paper)
 
 
 def _paper(options: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from ccpin.cli.command import add_command
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import progress_bar
 
@@ -19,14 +20,13 @@ def add_report(commands: Any) -> None:
     """The command and its options."""
     help_text = "one offline page about a mechanism: what it is, where it holds, modes, an experiment, its animation"
     example = "example: ccpin report delta -o delta.html"
-    parser = commands.add_parser("report", help=help_text, description=help_text, epilog=example)
+    parser = add_command(commands, "report", help_text, example, _report)
     add_mechanism(parser)
     parser.add_argument("-o", "--out", type=Path, metavar="HTML", required=True, help="the page to write")
     add_vector(parser, "start", "where the experiment starts at rest (default: the reference)")
     add_vector(parser, "goal", "its set point (default: one beside the start)")
     parser.add_argument("--duration", type=float, metavar="S", help="of the experiment (default 1)")
     parser.add_argument("--depth", type=int, default=8, metavar="N", help="halvings of the atlas's edges (default 8)")
-    parser.set_defaults(run=_report)
 
 
 def _report(options: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 import shtab
 
 from ccpin.arrays import Array
-from ccpin.cli.command import INTERRUPTED, complete, count, nonnegative, positive
+from ccpin.cli.command import INTERRUPTED, add_command, complete, count, nonnegative, positive
 from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, each, load, vector
 from ccpin.cli.progress import busy
 from ccpin.control import ControlLaw, PDFullGravity, PDSimpleGravity, local_gains
@@ -34,7 +34,7 @@ example: ccpin simulate rpdr --goal-deg -90 -100 --out out
 def add_simulate(commands: Any) -> None:
     """The command and its options."""
     what = "a set-point motion, once or in cycles, with figures and data"
-    parser = commands.add_parser("simulate", help=what, description=what, epilog=_EXAMPLES)
+    parser = add_command(commands, "simulate", what, _EXAMPLES, _simulate)
     add_mechanism(parser)
     add_vector(parser, "start", "where the motion starts at rest (default: the reference)")
     add_vector(parser, "goal", "the set point (default: the start)")
@@ -59,7 +59,6 @@ def add_simulate(commands: Any) -> None:
     written = "write figures, CSV, npz, metrics and animation there"
     complete(parser.add_argument("--out", type=Path, metavar="DIR", help=written), shtab.DIRECTORY)
     add_bench(parser)
-    parser.set_defaults(run=_simulate)
 
 
 def _simulate(options: argparse.Namespace) -> int:

@@ -7,19 +7,19 @@ import json
 from pathlib import Path
 from typing import Any
 
+from ccpin.cli.command import add_command
 from ccpin.cli.options import add_mechanism, load
 
 
 def add_studio(commands: Any) -> None:
     """The command and its options."""
     what = "move the mechanism by hand in the browser, with map and experiments"
-    parser = commands.add_parser("studio", help=what, description=what, epilog="example: ccpin studio rpdr --port 8080")
+    parser = add_command(commands, "studio", what, "example: ccpin studio rpdr --port 8080", _studio)
     add_mechanism(parser)
     parser.add_argument("--port", type=int, default=0, metavar="N", help="serve there (default: any free port)")
     parser.add_argument("--no-browser", action="store_true", help="serve without opening a browser")
     kept = "folder for certified atlases (default: $CCPIN_CACHE, else ccpin in the user's cache folder)"
     parser.add_argument("--cache", type=Path, metavar="DIR", help=kept)
-    parser.set_defaults(run=_studio)
 
 
 def _studio(options: argparse.Namespace) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import shtab
 
 from ccpin.cli.certificates import document
-from ccpin.cli.command import PROVEN, REFUTED, UNDECIDED, complete, count
+from ccpin.cli.command import PROVEN, REFUTED, UNDECIDED, add_command, complete, count
 from ccpin.cli.progress import progress_bar
 
 _EXAMPLES = """\
@@ -27,14 +27,13 @@ def add_verify(commands: Any) -> None:
         "check a saved atlas or cover in ball arithmetic, by code of its own (exit code 3: a claim is not decided; "
         "4: one is refuted)"
     )
-    parser = commands.add_parser("verify", help=what, description=what, epilog=_EXAMPLES)
+    parser = add_command(commands, "verify", what, _EXAMPLES, _verify)
     file = parser.add_argument("certificate", type=Path, metavar="FILE", help="what `ccpin domain --save` wrote")
     complete(file, shtab.FILE)
     parser.add_argument("--model", metavar="MODEL", help="also: the closures are those of this model's file today")
     parser.add_argument("--sample", type=count, metavar="N", help="N claims of each kind at random (default: all)")
     parser.add_argument("--workers", type=count, default=1, metavar="N", help="share the work among N processes")
     parser.add_argument("--json", action="store_true", help="print JSON")
-    parser.set_defaults(run=_verify)
 
 
 def _verify(options: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 
 import shtab
 
-from ccpin.cli.command import complete, positive
+from ccpin.cli.command import add_command, complete, positive
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.errors import InvalidInputError
@@ -27,7 +27,7 @@ example: ccpin view delta --out delta.html
 def add_view(commands: Any) -> None:
     """The command and its options."""
     what = "show the mechanism, or play a trajectory, in MeshCat"
-    parser = commands.add_parser("view", help=what, description=what, epilog=_EXAMPLES)
+    parser = add_command(commands, "view", what, _EXAMPLES, _view)
     add_mechanism(parser)
     played = parser.add_argument("--trajectory", type=Path, metavar="NPZ", help="a motion.npz to play")
     written = "write a page (.html), a film (.mp4, .gif) or a picture (.png) instead of serving"
@@ -37,7 +37,6 @@ def add_view(commands: Any) -> None:
     parser.add_argument("--forces", action="store_true", help="draw the forces that the closures carry")
     parser.add_argument("--no-browser", action="store_true", help="serve without opening a browser")
     parser.add_argument("--speed", type=positive, default=1.0, help="playing speed (default 1)")
-    parser.set_defaults(run=_view)
 
 
 def _view(options: argparse.Namespace) -> None:

@@ -1,7 +1,5 @@
 """Control: set-point and tracking laws, the sampled loop, Theorem 3 as a tool, and tracking with a σ that is off."""
 
-from __future__ import annotations
-
 from ccpin.control.laws import (
     ControlLaw,
     CoulombCompensation,

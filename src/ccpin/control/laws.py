@@ -135,25 +135,36 @@ def q_of(state: State | Measurement) -> Array:
     return state.q
 
 
-class NoTorque(ControlLaw):
-    """u = 0: the mechanism swings freely."""
+class HeldEffort(ControlLaw):
+    """A constant u.
+
+    Args:
+        effort: It, of shape (motors,).
+    """
 
     everywhere = True
 
-    def __init__(self, model: ReducedModel | Mechanism) -> None:
-        self._zero = np.zeros(model_of(model).n_actuated)
+    def __init__(self, effort: Array) -> None:
+        self.effort = effort
 
     def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
-        """Zero, of shape (motors,)."""
-        return self._zero
+        """The effort."""
+        return self.effort
 
     def next_switch(self, t: float) -> float:
         """Never."""
         return np.inf
 
     def statement(self) -> Statement:
-        """u = 0."""
-        return Statement("constant", constant=self._zero)
+        """The effort."""
+        return Statement("constant", constant=self.effort)
+
+
+class NoTorque(HeldEffort):
+    """u = 0: the mechanism swings freely."""
+
+    def __init__(self, model: ReducedModel | Mechanism) -> None:
+        super().__init__(np.zeros(model_of(model).n_actuated))
 
 
 class TorqueFunction(ControlLaw):
@@ -170,9 +181,7 @@ class TorqueFunction(ControlLaw):
     everywhere = True
 
     def __init__(
-        self,
-        function: Callable[[float, Array, Array], ArrayLike],
-        switching_times: Sequence[float] | None = None,
+        self, function: Callable[[float, Array, Array], ArrayLike], switching_times: Sequence[float] | None = None
     ) -> None:
         self._function = function
         self._times = None if switching_times is None else np.sort(np.asarray(switching_times, dtype=np.float64))
@@ -301,12 +310,7 @@ class SetPointLaw(ModelLaw):
     """
 
     def __init__(
-        self,
-        model: ReducedModel | Mechanism,
-        q_d: ArrayLike | State,
-        K_p: ArrayLike,
-        K_v: ArrayLike,
-        near: Near = None,
+        self, model: ReducedModel | Mechanism, q_d: ArrayLike | State, K_p: ArrayLike, K_v: ArrayLike, near: Near = None
     ) -> None:
         model = model_of(model)
         require_commuting(model.coordinates, type(self).__name__)

@@ -28,11 +28,7 @@ Outcome = Literal["solved", "held", "lost"]
 
 
 def capped_sigma(
-    parametrization: Parametrization,
-    q: Array,
-    near: Array | ClosedPoint,
-    max_newton_steps: int,
-    tolerance: float,
+    parametrization: Parametrization, q: Array, near: Array | ClosedPoint, max_newton_steps: int, tolerance: float
 ) -> NewtonSolve:
     """Solve ψ̄(q′, q) = 0 (11) from `near` with at most `max_newton_steps` linear solves.
 

@@ -209,12 +209,7 @@ class Waypoints(Reference):
 
 
 def through_points(
-    end_effector: EndEffector,
-    times: ArrayLike,
-    targets: Sequence[ArrayLike],
-    *,
-    degree: int = 5,
-    near: Near = None,
+    end_effector: EndEffector, times: ArrayLike, targets: Sequence[ArrayLike], *, degree: int = 5, near: Near = None
 ) -> Waypoints:
     """A spline in q through positions or poses of the end effector, each reached from the one before it.
 

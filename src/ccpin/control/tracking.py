@@ -40,12 +40,7 @@ class TrackingLaw(ModelLaw):
     """
 
     def __init__(
-        self,
-        model: ReducedModel | Mechanism,
-        reference: Reference,
-        K_p: ArrayLike,
-        K_v: ArrayLike,
-        near: Near = None,
+        self, model: ReducedModel | Mechanism, reference: Reference, K_p: ArrayLike, K_v: ArrayLike, near: Near = None
     ) -> None:
         model, reference = model_of(model), instance(reference, "reference", Reference)
         require_commuting(model.coordinates, "a tracking law")

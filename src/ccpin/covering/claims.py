@@ -1,4 +1,4 @@
-"""What searches hand to the kernel: boxes, and common points at which they carry the same σ."""
+"""What searches hand to the kernel: boxes, common points at which they carry the same σ, zeros of prolonged systems."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ import numpy as np
 from ccpin.arrays import Array, Indices, Mask, rows_of
 from ccpin.covering.cells import CellTree
 from ccpin.covering.proposals.krawczyk import certify_points
-from ccpin.covering.proposals.solving import newton
+from ccpin.covering.proposals.solving import newton, solved
 from ccpin.covering.region import Region
 from ccpin.proof.equations import Problem, closures_of
 from ccpin.proof.facts import Fact, prove_some
 from ccpin.proof.newton import Boxes, predict
+from ccpin.proof.prolongations import Prolongation
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of
+from ccpin.proof.zeros import Cusps, SingularPoints
 
 _NEWTON = 12  # steps
 _WIDER = 1.05  # R of points: for another order of roundings
@@ -76,3 +78,19 @@ def proved_points(problem: Problem, theta: Array) -> tuple[Fact, Indices]:
     wider = boxes._replace(radius=_WIDER * boxes.radius, kappa=0.5 * (1.0 + boxes.kappa))
     fact, enclosed = prove_some(SolutionsInBoxes(closures_of(problem), *wider))
     return fact, rows[enclosed]
+
+
+def proved_zeros(
+    problem: Problem, kind: type[SingularPoints | Cusps], lines: Prolongation, x: Array, steps: int
+) -> tuple[Array, Array, Fact]:
+    """Where Newton's method leads from x (B, unknowns), how near zeros are proved to be, and the fact about these.
+
+    Returns:
+        x, of shape (B, unknowns), the errors, NaN where nothing is proved, of shape (B,), and the fact.
+    """
+    with np.errstate(all="ignore"):
+        x = solved(problem, lines, x, steps)
+    fact, proved = prove_some(kind(lines.equations, x, lines.origin, lines.directions, lines.pairing))
+    error = np.full(len(x), np.nan)
+    error[proved] = fact.found["error"]
+    return x, error, fact

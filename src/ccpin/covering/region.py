@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Mask, numbers
 from ccpin.errors import InvalidInputError
-from ccpin.proof.cell_tree import WHOLE, Integers
-from ccpin.proof.rounding import product_of, sum_of
+from ccpin.proof.cell_tree import WHOLE, CellRegion, Integers
 
 Corners = Sequence[ArrayLike] | Array  # (lower, upper)
 
@@ -30,6 +29,11 @@ class Region:
     lower: Array
     upper: Array
     wrapped: Mask
+
+    @property
+    def corners(self) -> CellRegion:
+        """The same, as the kernel has it."""
+        return CellRegion(self.lower, self.upper, self.wrapped)
 
     @property
     def width(self) -> Array:
@@ -57,11 +61,8 @@ class Region:
         lower + (upper − lower)·t with the errors of difference, product and sum carried along: what is left is within
         u of the point and u² of the region's size, as the lemma of `ccpin.proof.rounding` asks.
         """
-        share = np.asarray(corner, dtype=np.float64) / WHOLE
-        width, of_width = sum_of(self.upper, -self.lower)
-        moved, of_moved = product_of(width, share)
-        point, of_point = sum_of(np.broadcast_to(self.lower, moved.shape), moved)
-        return np.asarray(point + (of_point + (of_moved + of_width * share)))
+        point, rest = self.corners.position(corner)
+        return np.asarray(point + rest)
 
     def cell_coordinates(self, q: Array) -> Integers:
         """The whole-number coordinates of points (K, n), turned into the region where it wraps; −1 outside of it."""

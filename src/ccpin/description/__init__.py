@@ -1,7 +1,5 @@
 """What a file says of a mechanism: one reader and one writer a format, all of the same plain `MechanismDescription`."""
 
-from __future__ import annotations
-
 from ccpin.description.changes.combining import Part, combine
 from ccpin.description.changes.scaling import scaled
 from ccpin.description.closure_kinds import CLOSURE_KINDS

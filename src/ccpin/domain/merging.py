@@ -34,7 +34,8 @@ def merge(parts: Sequence[Part]) -> Part:
     Covers are `certify_singularities`'s, of every assembly mode. Each singular configuration over the whole region is
     on a curve of one of them or in a box that one of them lists. Curves that go on from one part into another are
     joined, and those that several parts have are listed once, where that is proved; else each stays, as if it were a
-    curve of its own, of which the claim is as true.
+    curve of its own, of which the claim is as true. Covers that were proved here, and not read from files, are proved
+    once more as a whole, which takes as long as all of them.
 
     Args:
         parts: Atlases or sheet atlases over regions that are got from one box by halving it, and its parts, along

@@ -1,14 +1,8 @@
 """Masses: the reduced model, its derivatives and linearization, its assembly modes, and end effectors."""
 
-from __future__ import annotations
-
 from ccpin.dynamics.assembly import assembly_modes
 from ccpin.dynamics.linearization import linearize
 from ccpin.dynamics.wrenches import Wrench
 
-__all__ = [
-    "Wrench",
-    "assembly_modes",
-    "linearize",
-]
+__all__ = ["Wrench", "assembly_modes", "linearize"]
 __dir__ = __all__.copy

@@ -16,9 +16,8 @@ from ccpin.arrays import Array, listener, positive, whole
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError
 from ccpin.kinematics.coordinates import checked_q
-from ccpin.kinematics.least_squares import Linearized
 from ccpin.kinematics.linear import Factor, factorize
-from ccpin.kinematics.parametrization import SINGULAR_RCOND, Parametrization
+from ccpin.kinematics.parametrization import SINGULAR_RCOND
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.poses.loop_closing import solve
 from ccpin.mechanism.poses.pose_search import within_limits
@@ -144,7 +143,7 @@ class _ModeFinder:
         self.model, self.q = model, q
         self.likeness = Likeness(model.mechanism.tree, model.parametrization.constraints)
         self.generator = np.random.default_rng(20003)
-        self.equations = _equations(model.parametrization, q)
+        self.equations = model.parametrization.equations(q)
         self.found: list[_FoundMode] = []
         self.starts = self.quiet = self.singular = self.closed = 0
         with suppress(CcpinError):
@@ -195,19 +194,6 @@ class _ModeFinder:
             f"{stopped}, so modes may be missing" if stopped else f"{quiet}: evidence that there are no more, no proof"
         )
         return AssemblyModes(modes, self.starts, self.singular, not stopped, f"{told}; {seen}")
-
-
-def _equations(parametrization: Parametrization, q: Array) -> Callable[[Array], Linearized]:
-    """ψ̄(q′, q) = ψ(q′) − [0; q] (11) and ψ_q′."""
-    constraints, coordinates = parametrization.constraints, parametrization.coordinates
-
-    def equations(q_free: Array) -> Linearized:
-        value = constraints.value(q_free)
-        gap = -coordinates.difference(coordinates.alpha(q_free), q)
-        jacobian = np.vstack([value.jacobian, coordinates.jacobian(q_free)])
-        return Linearized(np.concatenate([value.phi, gap]), jacobian)
-
-    return equations
 
 
 def _start(model: ReducedModel, q: Array, number: int, generator: np.random.Generator) -> Array:

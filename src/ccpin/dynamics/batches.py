@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, Mask, numbers
 from ccpin.errors import CcpinError, InvalidInputError
 
+Rows = ArrayLike
+"""A row for each configuration."""
 Failures = dict[int, str]
 """The rows of a batch that have no answer, and why."""
 

@@ -97,12 +97,7 @@ class EndEffector:
         return self.jacobian(q, near).T @ vector(wrench, "wrench", 6)
 
     def dynamic_manipulability(
-        self,
-        q: ArrayLike | State,
-        efforts: ArrayLike | None = None,
-        *,
-        part: Half = "linear",
-        near: Near = None,
+        self, q: ArrayLike | State, efforts: ArrayLike | None = None, *, part: Half = "linear", near: Near = None
     ) -> Ellipsoid:
         """Accelerations of the end effector from rest that motor efforts add to gravity's: J ρ D⁻¹ ρᵀSᵀu.
 

@@ -89,12 +89,9 @@ class FreeSystem:
 
     def inverse_dynamics_derivatives(self, q_free: Array, v_free: Array, a_free: Array) -> InverseDynamicsSlopes:
         """τ′ = D′q̈′ + C′q̇′ + B′q̇′ + g′ (2) with ∂τ′/∂q′, ∂τ′/∂q̇′ and ∂τ′/∂q̈′ = D′, exact."""
-        data = self.scratch.take()
-        try:
+        with self.scratch.lent() as data:
             slopes = pin.computeRNEADerivatives(self.model, data, q_free, v_free, a_free)
             tau, (by_q, by_v, by_a) = np.array(data.tau), map(np.array, slopes)
-        finally:
-            self.scratch.give(data)
         if self._damped:
             tau, by_v = tau + self.damping * v_free, by_v + np.diag(self.damping)
         if self.springs:
@@ -114,8 +111,5 @@ class FreeSystem:
 
     def _computed(self, algorithm: Callable[..., Any], *state: Array) -> Array:
         """What one of Pinocchio's algorithms returns, copied out of its scratch memory."""
-        data = self.scratch.take()
-        try:
+        with self.scratch.lent() as data:
             return np.array(algorithm(self.model, data, *state))
-        finally:
-            self.scratch.give(data)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, instance, positive, vector
 from ccpin.displays import table
-from ccpin.dynamics.batches import Failures, completed, rows, together
+from ccpin.dynamics.batches import Failures, Rows, completed, rows, together
 from ccpin.dynamics.derivatives import (
     ForwardDynamicsDerivatives,
     GeneralizedForceDerivatives,
@@ -260,14 +260,12 @@ class ReducedModel:
     # Many rows at once, each as if asked for alone, on as many `threads` of the compiled core. Where a row has no
     # answer its error is raised, or, where a dictionary is given for `failures`, the row is NaN and its reason there.
 
-    def sigma_many(
-        self, Q: ArrayLike, near: Near = None, *, threads: int = 1, failures: Failures | None = None
-    ) -> Array:
+    def sigma_many(self, Q: Rows, near: Near = None, *, threads: int = 1, failures: Failures | None = None) -> Array:
         """σ of each row of Q (N, model.nq), of shape (N, nq)."""
         return self._many("sigma", [rows(Q, "Q", self.nq)], near, threads, [(self.mechanism.nq,)], failures)[0]
 
     def terms_many(
-        self, Q: ArrayLike, V: ArrayLike, near: Near = None, *, threads: int = 1, failures: Failures | None = None
+        self, Q: Rows, V: Rows, near: Near = None, *, threads: int = 1, failures: Failures | None = None
     ) -> ReducedTerms:
         """`terms` of each row of Q and V; every field has a leading axis of length N."""
         n_free, n = self.mechanism.n_free, self.n
@@ -276,42 +274,21 @@ class ReducedModel:
         return ReducedTerms(*self._many("terms", given, near, threads, shapes, failures))
 
     def forward_dynamics_many(
-        self,
-        Q: ArrayLike,
-        V: ArrayLike,
-        U: ArrayLike,
-        near: Near = None,
-        *,
-        threads: int = 1,
-        failures: Failures | None = None,
+        self, Q: Rows, V: Rows, U: Rows, near: Near = None, *, threads: int = 1, failures: Failures | None = None
     ) -> Array:
         """`forward_dynamics` of each row of Q, V and U, of shape (N, n)."""
         given = [rows(Q, "Q", self.nq), rows(V, "V", self.n), rows(U, "U", self.n_actuated)]
         return self._many("forward_dynamics", given, near, threads, [(self.n,)], failures)[0]
 
     def inverse_dynamics_many(
-        self,
-        Q: ArrayLike,
-        V: ArrayLike,
-        A: ArrayLike,
-        near: Near = None,
-        *,
-        threads: int = 1,
-        failures: Failures | None = None,
+        self, Q: Rows, V: Rows, A: Rows, near: Near = None, *, threads: int = 1, failures: Failures | None = None
     ) -> Array:
         """`inverse_dynamics` of each row of Q, V and A, of shape (N, motors)."""
         given = [rows(Q, "Q", self.nq), rows(V, "V", self.n), rows(A, "A", self.n)]
         return self._many("inverse_dynamics", given, near, threads, [(self.n_actuated,)], failures)[0]
 
     def forward_dynamics_derivatives_many(
-        self,
-        Q: ArrayLike,
-        V: ArrayLike,
-        U: ArrayLike,
-        near: Near = None,
-        *,
-        threads: int = 1,
-        failures: Failures | None = None,
+        self, Q: Rows, V: Rows, U: Rows, near: Near = None, *, threads: int = 1, failures: Failures | None = None
     ) -> ForwardDynamicsDerivatives:
         """`forward_dynamics_derivatives` of each row of Q, V and U; every field has a leading axis of length N."""
         given = [rows(Q, "Q", self.nq), rows(V, "V", self.n), rows(U, "U", self.n_actuated)]
@@ -350,12 +327,7 @@ class ReducedModel:
         return None if near is None else self._configuration(near, "near")
 
     def _asked(
-        self,
-        name: str,
-        q: ArrayLike | State,
-        near: Near,
-        *arguments: ArrayLike,
-        wrenches: Wrenches | None = None,
+        self, name: str, q: ArrayLike | State, near: Near, *arguments: ArrayLike, wrenches: Wrenches | None = None
     ) -> Any:
         """The core's answer at σ(q); without q it would answer at `near` itself."""
         if q is None:

@@ -102,8 +102,8 @@ def pushes_of(tree: Tree, wrenches: Wrenches | Pushes | None) -> Pushes:
 
 def joint_loads(scratch: Scratch, q_free: Array, applied: Sequence[Applied]) -> Array:
     """Σ Jᵀw, of shape (n′,)."""
-    model, data = scratch.model, scratch.take()
-    try:
+    model = scratch.model
+    with scratch.lent() as data:
         pin.computeJointJacobians(model, data, q_free)
         loads = np.zeros(model.nv)
         for one in applied:
@@ -111,14 +111,12 @@ def joint_loads(scratch: Scratch, q_free: Array, applied: Sequence[Applied]) -> 
             arm = data.oMi[one.joint].rotation @ one.point
             loads += jacobian[:3].T @ one.force + jacobian[3:].T @ (one.moment + np.cross(arm, one.force))
         return loads
-    finally:
-        scratch.give(data)
 
 
 def joint_loads_derivative(scratch: Scratch, q_free: Array, applied: Sequence[Applied]) -> Array:
     """∂(Σ Jᵀw)/∂q′ along tangent steps of q′, of shape (n′, n′): by Pinocchio for w fixed to its body, and its turn."""
-    model, data = scratch.model, scratch.take()
-    try:
+    model = scratch.model
+    with scratch.lent() as data:
         carried = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
         weight = np.array(pin.computeGeneralizedGravityDerivatives(model, data, q_free))
         pin.computeJointJacobians(model, data, q_free)
@@ -132,5 +130,3 @@ def joint_loads_derivative(scratch: Scratch, q_free: Array, applied: Sequence[Ap
             turning += jacobian.T @ change @ jacobian[3:]
         statics = np.array(pin.computeStaticTorqueDerivatives(model, data, q_free, carried))
         return np.asarray(weight - statics + turning)
-    finally:
-        scratch.give(data)

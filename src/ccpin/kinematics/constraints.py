@@ -141,12 +141,12 @@ class Constraints:
         self, at: ConstraintValue, v_free: Array, a_free: Array, directions: Directions
     ) -> Array:
         """D(φ_q′ q̈′ + φ̇_q′ q̇′) in k directions of (q′, q̇′), q̈′ held, of shape (m, k)."""
-        derivative, data = np.zeros((self.size, directions.dq.shape[1])), self.scratch.take()
-        if self._rows.size:
-            pin.computeForwardKinematicsDerivatives(self.model, data, at.q_free, v_free, a_free)
-            derivative[: self._rows.size] = self._rows.acceleration_derivative(at.placed, self.model, data, directions)
-        self.scratch.give(data)
-        for k, coupling in enumerate(self.couplings, start=self._rows.size):
+        derivative, rows = np.zeros((self.size, directions.dq.shape[1])), self._rows
+        if rows.size:
+            with self.scratch.lent() as data:
+                pin.computeForwardKinematicsDerivatives(self.model, data, at.q_free, v_free, a_free)
+                derivative[: rows.size] = rows.acceleration_derivative(at.placed, self.model, data, directions)
+        for k, coupling in enumerate(self.couplings, start=rows.size):
             for term in coupling.terms:
                 i, second, third = term.idx_v, term.slope(2, at.q_free), term.slope(3, at.q_free)
                 derivative[k] += (second * a_free[i] + third * v_free[i] ** 2) * directions.dq[i]
@@ -166,13 +166,14 @@ class Constraints:
 
     def turned(self, q_free: Array) -> tuple[str, ...]:
         """The closures whose axes are turned end for end, by name."""
-        turned, data = [], self.scratch.take()
-        pin.forwardKinematics(self.model, data, q_free)
-        for loop in self.loops:
-            a, b = loop.orientations(data)
-            if any((a @ one) @ (b @ other) <= 0 for one, other in loop.rows.alignment):
-                turned.append(loop.closure.name)
-        self.scratch.give(data)
+        with self.scratch.lent() as data:
+            pin.forwardKinematics(self.model, data, q_free)
+            placed = [(loop, *loop.orientations(data)) for loop in self.loops]
+        turned = (
+            loop.closure.name
+            for loop, a, b in placed
+            if any((a @ one) @ (b @ other) <= 0 for one, other in loop.rows.alignment)
+        )
         return tuple(turned)
 
     def aligned(self, q_free: Array) -> bool:
@@ -180,18 +181,15 @@ class Constraints:
         return not self.turned(q_free)
 
     def _placed(self, q_free: Array) -> RowValues:
-        data = self.scratch.take()
-        spatial, frames = six_rows(pin.computeJointJacobians(self.model, data, q_free)), data.oMi
-        poses = np.array([frames[joint].homogeneous for joint in self._rows.joints]).reshape(-1, 4, 4)
-        self.scratch.give(data)
+        with self.scratch.lent() as data:
+            spatial, frames = six_rows(pin.computeJointJacobians(self.model, data, q_free)), data.oMi
+            poses = np.array([frames[joint].homogeneous for joint in self._rows.joints]).reshape(-1, 4, 4)
         return self._rows.place(poses, spatial)
 
     def _spatial_rate(self, q_free: Array, v_free: Array) -> Array:
         """Ṡ along q̇′, of shape (6, n′)."""
-        data = self.scratch.take()
-        rate = six_rows(pin.computeJointJacobiansTimeVariation(self.model, data, q_free, v_free))
-        self.scratch.give(data)
-        return rate
+        with self.scratch.lent() as data:
+            return six_rows(pin.computeJointJacobiansTimeVariation(self.model, data, q_free, v_free))
 
 
 def _unit(tree: Tree, coupling: Coupling) -> str:

@@ -44,10 +44,7 @@ class Descent(NamedTuple, Generic[P]):
 
 
 def levenberg_marquardt(
-    start: P,
-    linearize: Callable[[P], Linearized],
-    move: Callable[[P, Array], P | None],
-    tolerance: float,
+    start: P, linearize: Callable[[P], Linearized], move: Callable[[P, Array], P | None], tolerance: float
 ) -> Descent[P]:
     """Solve r = 0 by steps min ‖r + J Δ‖² + (μ s)²‖Δ‖², s the root mean square of J's singular values.
 

@@ -19,6 +19,7 @@ from ccpin.kinematics.clusters import find_clusters
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.continuation import Continuation
 from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.kinematics.least_squares import Linearized
 from ccpin.kinematics.linear import Factor, factorize
 from ccpin.kinematics.points import moved
 from ccpin.kinematics.tree import Tree
@@ -318,6 +319,15 @@ class Parametrization:
                 shrank = max(shrank, length / last)
             q_free, last = moved(self.model, q_free, step), length
         return NewtonSolve(None, steps, residual, started_open)
+
+    def equations(self, q: Array) -> Callable[[Array], Linearized]:
+        """ψ̄(q′, q) = ψ(q′) − [0; q] (11) and ψ_q′, of q′."""
+
+        def linearize(q_free: Array) -> Linearized:
+            point = self.constraints.value(q_free)
+            return Linearized(-self._gap(point, q, 0.0), self._stacked(point))
+
+        return linearize
 
     def _stacked(self, point: ConstraintValue) -> Array:
         """ψ_q′ (10), of shape (m + n, n′)."""

@@ -69,18 +69,15 @@ class LinkPoint:
 
     def jacobian(self, q_free: Array) -> Array:
         """J with twist = J q̇′, of shape (6, n′)."""
-        data = self._scratch.take()
-        columns = six_rows(pin.computeJointJacobians(self._scratch.model, data, q_free)) * self._path
-        jacobian = _shifted(columns, self._placed(data)[:3, 3])
-        self._scratch.give(data)
-        return jacobian
+        with self._scratch.lent() as data:
+            columns = six_rows(pin.computeJointJacobians(self._scratch.model, data, q_free)) * self._path
+            return _shifted(columns, self._placed(data)[:3, 3])
 
     def motion(self, q_free: Array, v_free: Array) -> PointMotion:
         """Pose, J and J̇ along q̇′."""
-        data = self._scratch.take()
-        pin.computeJointJacobiansTimeVariation(self._scratch.model, data, q_free, v_free)
-        columns, rates, pose = six_rows(data.J) * self._path, six_rows(data.dJ) * self._path, self._placed(data)
-        self._scratch.give(data)
+        with self._scratch.lent() as data:
+            pin.computeJointJacobiansTimeVariation(self._scratch.model, data, q_free, v_free)
+            columns, rates, pose = six_rows(data.J) * self._path, six_rows(data.dJ) * self._path, self._placed(data)
         jacobian, rate = _shifted(columns, pose[:3, 3]), _shifted(rates, pose[:3, 3])
         rate[:3] -= skew(jacobian[:3] @ v_free) @ columns[3:]
         return PointMotion(pose, jacobian, rate)
@@ -96,11 +93,9 @@ def rotation_error(turned: Array, wanted: Array) -> Array:
 
 def joint_poses(scratch: Scratch, q_free: Array) -> Array:
     """Where the moving joint frames are in the world, of shape (joints, 4, 4); entry 0 is the world itself."""
-    data = scratch.take()
-    pin.forwardKinematics(scratch.model, data, q_free)
-    poses = _joint_frames(data)
-    scratch.give(data)
-    return poses
+    with scratch.lent() as data:
+        pin.forwardKinematics(scratch.model, data, q_free)
+        return _joint_frames(data)
 
 
 class BodyMotion(NamedTuple):
@@ -122,17 +117,17 @@ class BodyMotion(NamedTuple):
 
 def body_motion(scratch: Scratch, q_free: Array, v_free: Array, a_free: Array) -> BodyMotion:
     """The bodies' motion at (q′, q̇′, q̈′)."""
-    model, data = scratch.model, scratch.take()
-    pin.forwardKinematics(model, data, q_free, v_free, a_free)
-    found = BodyMotion(_joint_frames(data), *(np.zeros((model.njoints, 3)) for _ in range(4)))
-    for j in range(1, model.njoints):
-        turn, lever = data.oMi[j].rotation, np.array(model.inertias[j].lever)
-        v, a = data.v[j], data.a[j]
-        swing = cross(a.angular, lever) + cross(v.angular, v.linear + cross(v.angular, lever))
-        found.centres[j] = data.oMi[j].act(lever)
-        found.accelerations[j] = turn @ (a.linear + swing)
-        found.omega[j], found.alpha[j] = turn @ v.angular, turn @ a.angular
-    scratch.give(data)
+    model = scratch.model
+    with scratch.lent() as data:
+        pin.forwardKinematics(model, data, q_free, v_free, a_free)
+        found = BodyMotion(_joint_frames(data), *(np.zeros((model.njoints, 3)) for _ in range(4)))
+        for j in range(1, model.njoints):
+            turn, lever = data.oMi[j].rotation, np.array(model.inertias[j].lever)
+            v, a = data.v[j], data.a[j]
+            swing = cross(a.angular, lever) + cross(v.angular, v.linear + cross(v.angular, lever))
+            found.centres[j] = data.oMi[j].act(lever)
+            found.accelerations[j] = turn @ (a.linear + swing)
+            found.omega[j], found.alpha[j] = turn @ v.angular, turn @ a.angular
     return found
 
 

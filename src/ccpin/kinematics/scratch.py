@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +27,8 @@ def available_memory() -> float:
 class Scratch:
     """A pool of `pin.Data` of one model: as many as were ever in use at the same time.
 
-    `take` one, read what Pinocchio wrote into it, and `give` it back; one lost to an error is replaced. Both are single
-    operations on a list and so safe among threads; results must be copied out before giving back.
+    Taking one and giving it back are single operations on a list and so safe among threads; results must be copied out
+    before it is given back.
 
     Args:
         model: The Pinocchio model; not to be changed afterwards.
@@ -44,25 +45,27 @@ class Scratch:
         """The Pinocchio model."""
         return self._model
 
-    def take(self) -> pin.Data:
-        """A `pin.Data` nobody else holds.
+    @contextmanager
+    def lent(self) -> Iterator[pin.Data]:
+        """A `pin.Data` nobody else holds, for as long as the block lasts.
 
         Raises:
             UnsupportedMechanismError: There is no room for another; a system that lends it all the same ends processes.
         """
         try:
-            return self._free.pop()
+            data = self._free.pop()
         except IndexError:
-            if (room := _ENTRIES * 8 * self._model.nv**3) > available_memory():
-                message = (
-                    f"{self._model.nv} velocities take {room / 1e9:.3g} GB of Pinocchio's memory, which are not there"
-                )
-                raise UnsupportedMechanismError(message) from None
-            return pin.Data(self._model)  # createData makes one, and copies it
+            data = self._another()
+        try:
+            yield data
+        finally:
+            self._free.append(data)
 
-    def give(self, data: pin.Data) -> None:
-        """Return what `take` gave."""
-        self._free.append(data)
+    def _another(self) -> pin.Data:
+        if (room := _ENTRIES * 8 * self._model.nv**3) > available_memory():
+            message = f"{self._model.nv} velocities take {room / 1e9:.3g} GB of Pinocchio's memory, which are not there"
+            raise UnsupportedMechanismError(message)
+        return pin.Data(self._model)  # createData makes one, and copies it
 
     def __reduce__(self) -> tuple[type[Scratch], tuple[pin.Model]]:
         return Scratch, (self._model,)

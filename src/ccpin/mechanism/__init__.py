@@ -1,10 +1,6 @@
 """From a description to a closed, analysed mechanism."""
 
-from __future__ import annotations
-
 from ccpin.mechanism.pinocchio.reader import describe_pinocchio
 
-__all__ = [
-    "describe_pinocchio",
-]
+__all__ = ["describe_pinocchio"]
 __dir__ = __all__.copy

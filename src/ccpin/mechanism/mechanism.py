@@ -13,10 +13,7 @@ from ccpin.arrays import Array, Record, frozen
 from ccpin.description.formats import write_description
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
 from ccpin.displays import table
-from ccpin.errors import (
-    InvalidInputError,
-    UnsupportedMechanismError,
-)
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import Parametrization

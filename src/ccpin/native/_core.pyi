@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ccpin.arrays import Array
 
+Near = ArrayLike | None
 Pair = tuple[Array, Array]
 Triple = tuple[Array, Array, Array]
 Terms = tuple[Array, Array, Array, Array, Array, Array, Array]
@@ -27,71 +28,46 @@ class Kernel:
     def constraint_rate(self, q_free: ArrayLike, v_free: ArrayLike) -> Array | None:
         """d/dt φ_q′ along q̇′, of shape (m, n′), at any configuration."""
 
-    def sigma(self, q: ArrayLike, near: ArrayLike | None = None) -> Array | None:
+    def sigma(self, q: ArrayLike, near: Near = None) -> Array | None:
         """q′ = σ(q) (12), of shape (nq,)."""
 
-    def closed_point(self, near: ArrayLike | None, q: ArrayLike | None = None) -> Pair | None:
+    def closed_point(self, near: Near, q: ArrayLike | None = None) -> Pair | None:
         """q′ and ρ (14), of shape (n′, n)."""
 
     def rcond(self, q_free: ArrayLike) -> float | None:
         """Reciprocal condition number of ψ_q′ in the 1-norm."""
 
-    def terms(self, near: ArrayLike | None, v: ArrayLike, q: ArrayLike | None = None) -> Terms | None:
+    def terms(self, near: Near, v: ArrayLike, q: ArrayLike | None = None) -> Terms | None:
         """The fields of `ReducedTerms`, in order."""
 
     def forward_dynamics(
-        self,
-        near: ArrayLike | None,
-        v: ArrayLike,
-        u: ArrayLike,
-        q: ArrayLike | None = None,
-        wrenches: ArrayLike | None = None,
+        self, near: Near, v: ArrayLike, u: ArrayLike, q: ArrayLike | None = None, wrenches: ArrayLike | None = None
     ) -> Array | None:
         """q̈ (22), of shape (n,)."""
 
     def generalized_force(
-        self,
-        near: ArrayLike | None,
-        v: ArrayLike,
-        a: ArrayLike,
-        q: ArrayLike | None = None,
-        wrenches: ArrayLike | None = None,
+        self, near: Near, v: ArrayLike, a: ArrayLike, q: ArrayLike | None = None, wrenches: ArrayLike | None = None
     ) -> Array | None:
         """τ = D q̈ + C q̇ + damping q̇ + g − ρᵀJᵀw, of shape (n,)."""
 
     def inverse_dynamics(
-        self,
-        near: ArrayLike | None,
-        v: ArrayLike,
-        a: ArrayLike,
-        q: ArrayLike | None = None,
-        wrenches: ArrayLike | None = None,
+        self, near: Near, v: ArrayLike, a: ArrayLike, q: ArrayLike | None = None, wrenches: ArrayLike | None = None
     ) -> Array | None:
         """The actuated joints' efforts u of least norm, of shape (motors,); ``None`` where they may not suffice."""
 
-    def gravity(self, near: ArrayLike | None, q: ArrayLike | None = None) -> Array | None:
+    def gravity(self, near: Near, q: ArrayLike | None = None) -> Array | None:
         """g (25), of shape (n,)."""
 
-    def transmission(self, near: ArrayLike | None, q: ArrayLike | None = None) -> Array | None:
+    def transmission(self, near: Near, q: ArrayLike | None = None) -> Array | None:
         """ρᵀSᵀ, of shape (n, motors)."""
 
     def constraint_forces(
-        self,
-        near: ArrayLike | None,
-        v: ArrayLike,
-        u: ArrayLike,
-        q: ArrayLike | None = None,
-        wrenches: ArrayLike | None = None,
+        self, near: Near, v: ArrayLike, u: ArrayLike, q: ArrayLike | None = None, wrenches: ArrayLike | None = None
     ) -> Array | None:
         """λ (17), of shape (m,)."""
 
     def bearing_forces(
-        self,
-        near: ArrayLike | None,
-        v: ArrayLike,
-        u: ArrayLike,
-        q: ArrayLike | None = None,
-        wrenches: ArrayLike | None = None,
+        self, near: Near, v: ArrayLike, u: ArrayLike, q: ArrayLike | None = None, wrenches: ArrayLike | None = None
     ) -> Triple | None:
         """What closures (L, 6) and joints (joints, 6) carry, and the joints' world poses (joints + 1, 4, 4).
 
@@ -99,61 +75,49 @@ class Kernel:
         origin.
         """
 
-    def energy(self, near: ArrayLike | None, v: ArrayLike, q: ArrayLike | None = None) -> tuple[float, float] | None:
+    def energy(self, near: Near, v: ArrayLike, q: ArrayLike | None = None) -> tuple[float, float] | None:
         """Kinetic and potential energy in joules."""
 
     def generalized_force_derivatives(
-        self,
-        near: ArrayLike | None,
-        v: ArrayLike,
-        a: ArrayLike,
-        q: ArrayLike | None = None,
-        wrenches: ArrayLike | None = None,
+        self, near: Near, v: ArrayLike, a: ArrayLike, q: ArrayLike | None = None, wrenches: ArrayLike | None = None
     ) -> Triple | None:
         """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ = D, each (n, n)."""
 
     def forward_dynamics_derivatives(
-        self,
-        near: ArrayLike | None,
-        v: ArrayLike,
-        u: ArrayLike,
-        q: ArrayLike | None = None,
-        wrenches: ArrayLike | None = None,
+        self, near: Near, v: ArrayLike, u: ArrayLike, q: ArrayLike | None = None, wrenches: ArrayLike | None = None
     ) -> Triple | None:
         """∂q̈/∂q, ∂q̈/∂q̇ (n, n) and ∂q̈/∂u (n, motors)."""
 
     # Batches: the answers, with a leading axis, and a mask of the rows answered; the others are NaN.
 
-    def sigma_many(self, Q: ArrayLike, near: ArrayLike | None, threads: int = 1) -> tuple[Array, Mask] | None: ...
-    def terms_many(
-        self, Q: ArrayLike, V: ArrayLike, near: ArrayLike | None, threads: int = 1
-    ) -> tuple[Terms, Mask] | None: ...
+    def sigma_many(self, Q: ArrayLike, near: Near, threads: int = 1) -> tuple[Array, Mask] | None: ...
+    def terms_many(self, Q: ArrayLike, V: ArrayLike, near: Near, threads: int = 1) -> tuple[Terms, Mask] | None: ...
     def forward_dynamics_many(
-        self, Q: ArrayLike, V: ArrayLike, U: ArrayLike, near: ArrayLike | None, threads: int = 1
+        self, Q: ArrayLike, V: ArrayLike, U: ArrayLike, near: Near, threads: int = 1
     ) -> tuple[Array, Mask] | None: ...
     def generalized_force_many(
-        self, Q: ArrayLike, V: ArrayLike, A: ArrayLike, near: ArrayLike | None, threads: int = 1
+        self, Q: ArrayLike, V: ArrayLike, A: ArrayLike, near: Near, threads: int = 1
     ) -> tuple[Array, Mask] | None: ...
     def inverse_dynamics_many(
-        self, Q: ArrayLike, V: ArrayLike, A: ArrayLike, near: ArrayLike | None, threads: int = 1
+        self, Q: ArrayLike, V: ArrayLike, A: ArrayLike, near: Near, threads: int = 1
     ) -> tuple[Array, Mask] | None: ...
     def forward_dynamics_derivatives_many(
-        self, Q: ArrayLike, V: ArrayLike, U: ArrayLike, near: ArrayLike | None, threads: int = 1
+        self, Q: ArrayLike, V: ArrayLike, U: ArrayLike, near: Near, threads: int = 1
     ) -> tuple[Triple, Mask] | None: ...
     def simulate(
         self,
-        near: ArrayLike | None,
+        near: Near,
         law: dict[str, object],
         run: dict[str, object],
         tableau: dict[str, object],
         nominal: Kernel | None = None,
-        nominal_near: ArrayLike | None = None,
+        nominal_near: Near = None,
     ) -> tuple[Any, ...] | None:
         """A run under a law, sampled; `nominal` is the kernel of its model where that is another than the plant's.
 
-        The number of samples, then t, q, q̇, q̈, u, q′, |φ|, q̇′ and q̈′ at each, how it ended, since when it is settled,
+        The number of samples, then t, q, q̇, q̈, u, q′, q̇′, |φ| and q̈′ at each, how it ended, since when it is settled,
         evaluations, what a signal's handler raised, what a sampled loop remembers; then where it has come to: time,
-        (q, q̇), q′, the step it would take next, how many steps in a row were next to nothing. These are the fields of
+        (q, q̇), q′, the step it would take next, how many steps in a row were next to nothing, as in
         `ccpin.simulation.integration.core_runs.CoreRun`, which says what the arguments hold, too.
         """
 

@@ -58,9 +58,8 @@ def exact_radius(centre: Array) -> float:
     """Half width of the largest square on which σ exists and is nonsingular, by bisection on its edges (rad)."""
 
     def slack(radius: float) -> float:
-        edges = np.concatenate(
-            [np.column_stack(pair) for side in (-1.0, 1.0) for pair in _sides(np.full(len(_EDGE), side))]
-        )
+        sides = [np.column_stack([_EDGE, np.full(len(_EDGE), side)]) for side in (-1.0, 1.0)]
+        edges = np.concatenate([*sides, *(side[:, ::-1] for side in sides)])
         reach = float(printed.A[2] + printed.A[3])
         return reach - float(printed.elbow_distance(centre + radius * edges).max())
 
@@ -68,7 +67,3 @@ def exact_radius(centre: Array) -> float:
     away = np.remainder(isolated - centre + np.pi, 2 * np.pi) - np.pi
     stretched = brentq(slack, 1e-6, np.pi) if slack(np.pi) < 0 else np.pi
     return float(min(stretched, np.abs(away).max(axis=1).min()))
-
-
-def _sides(side: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    return (_EDGE, side), (side, _EDGE)

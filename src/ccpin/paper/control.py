@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ccpin.arrays import Array
 from ccpin.control import PDFullGravity
 from ccpin.paper import printed
-from ccpin.paper.item import ROUNDING, Drawing, Item, apart
+from ccpin.paper.item import ROUNDING, Drawing, Item, apart, place
 from ccpin.paper.study import GOAL, K_P, K_V, START, Sample, Study
 from ccpin.plotting import plot_lyapunov, plot_sublevel
 from ccpin.simulation import lyapunov_along
@@ -22,18 +23,21 @@ def items(study: Study) -> Iterator[Item]:
     yield _theorem_three(study)
 
 
+def _reduced_gravity(q_paper: Array) -> Array:
+    """g = ρᵀg′ (25), of the printed (33) and (38)."""
+    return np.asarray(printed.rho(q_paper).T @ printed.gravity(q_paper))
+
+
 def _laws(study: Study) -> Iterator[Item]:
     full = PDFullGravity(study.model, GOAL, K_P, K_V)
-    goal = printed.sigma(GOAL)
-    fixed = printed.rho(goal).T @ printed.gravity(goal)
+    fixed = _reduced_gravity(printed.sigma(GOAL))
 
     def simple(one: Sample) -> float:
         push = np.multiply(K_P, GOAL - one.q) - np.multiply(K_V, one.v) + fixed
         return apart(study.law.torque(0.0, one.state, one.v), push)
 
     def compensated(one: Sample) -> float:
-        gravity = printed.rho(one.q_paper).T @ printed.gravity(one.q_paper)
-        push = np.multiply(K_P, GOAL - one.q) - np.multiply(K_V, one.v) + gravity
+        push = np.multiply(K_P, GOAL - one.q) - np.multiply(K_V, one.v) + _reduced_gravity(one.q_paper)
         return apart(full.torque(0.0, one.state, one.v), push)
 
     yield Item(
@@ -63,7 +67,7 @@ def _laws(study: Study) -> Iterator[Item]:
 
 def _lyapunov(study: Study) -> Item:
     goal = printed.sigma(GOAL)
-    fixed = printed.rho(goal).T @ printed.gravity(goal)
+    fixed = _reduced_gravity(goal)
 
     def difference(one: Sample) -> float:
         error, rho = GOAL - one.q, printed.rho(one.q_paper)
@@ -136,7 +140,7 @@ def _theorem_three(study: Study) -> Item:
             ("β on B₂", f"{certificate.beta:.6f} N m/rad < k_p = {certificate.gain:g}"),
             ("sup ‖∂g/∂q‖ over 𝒟, sampled", f"{found.slope:.3f} N m/rad"),
             ("𝒱 at the paper's start", f"{found.start:.3f} J: outside of B₂"),
-            ("furthest start towards it in B₂", "({:.2f}°, {:.2f}°)".format(*np.degrees(found.near)).replace("-", "−")),
+            ("furthest start towards it in B₂", place(np.degrees(found.near), 2)),
             ("the paper's start by validated integration", closed),
         ),
         drawings=(

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.dynamics import linearize
-from ccpin.paper.item import Drawing, Item
+from ccpin.paper.item import Drawing, Item, place
 from ccpin.paper.motions import cycles_figure, panels_figure, path_figure
 from ccpin.paper.study import BAND, CYCLES, ESTIMATE, FRICTION, GOAL, K_P, K_V, START, Study, settled
-from ccpin.simulation.studies.supervision import SupervisedMotion
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 STATED = 0.3
 """What both experiments are said to take, s: approximately, and a move in under it."""
+_BANDS = ("bench", "bench_narrow", "ideal", "ideal_narrow")  # of `MoveTimes`, as they are listed
 
 
 class MoveTimes(NamedTuple):
@@ -70,6 +67,7 @@ def figure9(study: Study) -> Item:
     ideal, bench = settled(study.ideal, GOAL), settled(study.bench, GOAL)
     figure = panels_figure(study.ideal, study.bench, GOAL)
     left = np.degrees(np.abs(study.bench.q[-1] - GOAL).max())
+    peaks = " and ".join(f"{np.abs(motion.u).max():.1f} N m" for motion in (study.ideal, study.bench))
     return Item(
         "Fig. 9",
         "Experiment 1: q, q̇ and u against time",
@@ -88,7 +86,7 @@ def figure9(study: Study) -> Item:
             ("bench, into ±5 %", f"{bench:.3f} s"),
             ("bench, into ±2°", f"{settled(study.bench, GOAL, np.radians(2.0)):.3f} s"),
             ("left by friction on the bench", f"{left:.2f}°"),
-            ("largest u, ideal and bench", _peaks(study)),
+            ("largest u, ideal and bench", peaks),
         ),
         drawings=(Drawing("fig9", "(a), (b) q; (c), (d) q̇; (e), (f) u. Dashed: ideal; solid: bench.", figure),),
     )
@@ -97,10 +95,6 @@ def figure9(study: Study) -> Item:
 def _friction() -> str:
     coulomb, viscous = FRICTION["joint1"]
     return f"of {coulomb} N m and {viscous} N m s on the motors' joints and a tenth of it on the others"
-
-
-def _peaks(study: Study) -> str:
-    return " and ".join(f"{np.abs(motion.u).max():.1f} N m" for motion in (study.ideal, study.bench))
 
 
 def move_times(study: Study) -> tuple[MoveTimes, ...]:
@@ -129,7 +123,7 @@ def figure10(study: Study) -> Item:
     narrow = max(one.ideal_narrow for one in times)
     head = ("move", "to", "begins", "bench ±5 %", "bench ±2°", "ideal ±5 %", "ideal ±2°")
     rows = [
-        (str(k), _place(one.goal), f"{one.begin:.2f} s", *(f"{t:.3f} s" for t in _in_order(one)))
+        (str(k), place(np.degrees(one.goal)), f"{one.begin:.2f} s", *(f"{getattr(one, name):.3f} s" for name in _BANDS))
         for k, one in enumerate(times, start=1)
     ]
     return Item(
@@ -162,24 +156,11 @@ def why_slower(slow: dict[str, complex], narrow: float, slowest: float) -> str:
 
 
 def _cycles(study: Study) -> tuple[Drawing, ...]:
-    figure: Figure = cycles_figure(
-        study.cycles_ideal.trajectory, study.cycles_bench.trajectory, _goals(study.cycles_bench)
-    )
+    bench = study.cycles_bench
+    goals = [(move.start, move.end, move.goal) for move in bench.moves]
+    figure = cycles_figure(study.cycles_ideal.trajectory, bench.trajectory, goals)
     caption = f"{CYCLES} cycles on the bench (solid) and ideal (dashed); below, the way back enlarged, ±5 % shaded."
     return (Drawing("fig10", caption, figure),)
-
-
-def _goals(motion: SupervisedMotion) -> Sequence[tuple[float, float, Array]]:
-    """(begin, end, goal) of every move."""
-    return [(move.start, move.end, move.goal) for move in motion.moves]
-
-
-def _in_order(one: MoveTimes) -> tuple[float, float, float, float]:
-    return one.bench, one.bench_narrow, one.ideal, one.ideal_narrow
-
-
-def _place(q: Array) -> str:
-    return "({:.0f}°, {:.0f}°)".format(*np.degrees(q)).replace("-", "−")
 
 
 def _complex(value: complex) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +11,9 @@ from ccpin.arrays import Array
 from ccpin.domain.singular.sampled import SingularCurve
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.paper import printed
+from ccpin.paper.item import place
 from ccpin.plotting import plot_singularities
-from ccpin.plotting.style import COLOURS, drawing
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ccpin.plotting.style import COLOURS, Figure, drawing
 
 Panel = tuple[Array, float, float, Array, Array, Array]
 """Centre (rad), the paper's and our radius (degrees), q′ at the centre, at the paper's corners and at ours."""
@@ -68,8 +66,7 @@ def extremes_figure(panels: Sequence[Panel]) -> Figure:
 
 
 def _panel(axes: Any, centre: Array, paper: float, ours: float, pose: Array, papers: Array, corners: Array) -> None:
-    place = f"({np.degrees(centre[0]):.0f}°, {np.degrees(centre[1]):.0f}°)".replace("-", "−")
-    axes.set_title(f"{place}: r = {ours:.2f}° ours, {paper:g}° the paper's", fontsize=11)
+    axes.set_title(f"{place(np.degrees(centre))}: r = {ours:.2f}° ours, {paper:g}° the paper's", fontsize=11)
     for k, corner in enumerate(corners):
         _robot(axes, corner, COLOURS[1], "-", 1.6, "corners, our radius" if k == 0 else None)
     for k, corner in enumerate(papers):

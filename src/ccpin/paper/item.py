@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from ccpin.arrays import Array
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ccpin.plotting.style import Figure
 
 ROUNDING = "an identity: rounding, times the conditioning of ψ_q′ at the samples"
 
@@ -91,3 +89,8 @@ class Erratum(NamedTuple):
 def apart(ours: Array, papers: Array) -> float:
     """The largest |ours − papers|."""
     return float(abs(ours - papers).max(initial=0.0))
+
+
+def place(degrees: Array | tuple[float, ...], digits: int = 0) -> str:
+    """A point of the plane of (q1, q2), in words."""
+    return f"({', '.join(f'{angle:.{digits}f}°' for angle in degrees)})".replace("-", "−")

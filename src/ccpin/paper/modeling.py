@@ -120,7 +120,7 @@ def _parametrisation(study: Study) -> Iterator[Item]:
         "The velocities of all joints from the independent ones.",
         "`state.v_free(v)`.",
         "ρ q̇ and the slope of σ along q̇, by differences",
-        study.largest(lambda one: apart(study.to_paper(one.state.v_free(one.v)), slope(study, one, _joints))),
+        study.largest(lambda one: apart(study.to_paper(one.state.v_free(one.v)), slope(study, one, lambda q: q))),
         "rad/s",
         1e-6,
         SLOPE,
@@ -147,10 +147,6 @@ def _parametrisation(study: Study) -> Iterator[Item]:
         1e-5,
         SLOPE,
     )
-
-
-def _joints(q_paper: Array) -> Array:
-    return q_paper
 
 
 def slope(study: Study, one: Sample, function: Callable[[Array], Array]) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +11,8 @@ from ccpin.arrays import Array
 from ccpin.paper import printed
 from ccpin.paper.study import BAND, GOAL, START, Study
 from ccpin.plotting import plot_configurations
-from ccpin.plotting.style import COLOURS, drawing
+from ccpin.plotting.style import COLOURS, Figure, drawing
 from ccpin.simulation.results.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _EVERY = 40  # samples between two drawn configurations
 _MOVE = 0.36  # s, of the motion that is drawn

@@ -10,7 +10,7 @@ from ccpin.domain import certify, singularities, theorem2
 from ccpin.domain.theorem2.polynomials import Polynomial, QuadraticSystem
 from ccpin.paper import printed
 from ccpin.paper.extremes import extremes_figure, singular_figure
-from ccpin.paper.item import Drawing, Item, apart
+from ccpin.paper.item import Drawing, Item, apart, place
 from ccpin.paper.study import CENTRES, GOAL, RADII, START, Study
 
 _CORNERS = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])  # of a square
@@ -59,7 +59,7 @@ def table_one(study: Study) -> Item:
     """Table I: the printed radii beside every certificate and the exact radii."""
     found = study.radii
     head = ("centre (q_1, q_2)", "paper", "closest form", "Theorem 2", "one box", "one box, planar", "atlas", "exact")
-    rows = [(_place(one.centre), *(f"{value:.3f}°" for value in one[1:])) for one in found]
+    rows = [(place(one.centre), *(f"{value:.3f}°" for value in one[1:])) for one in found]
     return Item(
         "Table I",
         "Radii of squares that belong to Ω, by Theorem 2",
@@ -77,14 +77,10 @@ def table_one(study: Study) -> Item:
         "every radius is a lower bound of the exact one, so no printed one may exceed it; the digits depend on a form "
         "the paper does not give",
         facts=tuple(
-            (f"closest form / paper at {_place(one.centre)}", f"{one.closest / one.paper:.2f}") for one in found
+            (f"closest form / paper at {place(one.centre)}", f"{one.closest / one.paper:.2f}") for one in found
         ),
         rows=(head, *rows),
     )
-
-
-def _place(degrees: tuple[float, float]) -> str:
-    return f"({degrees[0]:.0f}°, {degrees[1]:.0f}°)".replace("-", "−")
 
 
 def figure6(study: Study) -> Item:
@@ -112,7 +108,7 @@ def figure6(study: Study) -> Item:
         5e-4,
         "half a unit of the last printed digit",
         facts=(
-            ("isolated, n even", "; ".join(f"({a:.4f}°, {b:.4f}°)".replace("-", "−") for a, b in ordered)),
+            ("isolated, n even", "; ".join(place(point, 4) for point in ordered)),
             ("distance of the elbows along the curves less a_3 + a_4, at most", f"{off:.1e} m"),
             ("curves, n odd", f"{len(stretched)}, of {sum(map(len, stretched))} points"),
         ),

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.paper import printed
-from ccpin.plotting.style import COLOURS, drawing
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ccpin.plotting.style import COLOURS, Figure, drawing
 
 _BARE = {"axes.grid": False, "axes.spines.left": False, "axes.spines.bottom": False}
 _LINK = {"linewidth": 4.0, "solid_capstyle": "round", "zorder": 2}

@@ -3,8 +3,6 @@
 Matplotlib is imported when a figure is drawn, not before.
 """
 
-from __future__ import annotations
-
 from ccpin.plotting.atlases import plot_atlas, plot_radius_map, plot_singularities
 from ccpin.plotting.motion import plot_configurations, plot_motion
 from ccpin.plotting.sheets import plot_sheets

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,13 +14,11 @@ from ccpin.covering.region import corners_of
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.closures.packing import require_about
+from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.domain.singular.sampled import SingularCurve
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.plotting.style import COLOURS, drawing
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ccpin.plotting.style import COLOURS, Figure, coordinate_labels, drawing
 
 KINDS = {
     "fold": ("loop stretched or folded", "-", COLOURS[1]),
@@ -66,14 +64,8 @@ def plot_atlas(
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Patch
 
-    _two_coordinates(atlas)
-    leaves = atlas.tree.leaves()
-    lower = np.degrees(atlas.region.position(atlas.tree.lower[leaves]))
-    upper = np.degrees(atlas.region.position(atlas.tree.lower[leaves] + atlas.tree.size[leaves]))
-    corners = np.stack(
-        [lower, np.column_stack([upper[:, 0], lower[:, 1]]), upper, np.column_stack([lower[:, 0], upper[:, 1]])], 1
-    )
-    status = atlas.tree.status[leaves]
+    check_plane(atlas, Atlas, "an Atlas")
+    corners, status = cells_drawn(atlas, np.degrees(1.0)), atlas.tree.status[atlas.tree.leaves()]
     require_about("a drawing of an atlas", atlas, mechanism)
     title = heading(title, f"{mechanism_of(mechanism).title}: {len(atlas.lower)} certified boxes")
     with drawing(title, (7.2, 7.2), **{"axes.grid": False}) as figure:
@@ -99,7 +91,7 @@ def plot_radius_map(
     title: str | None = None,
 ) -> Figure:
     """A heat map of the certified radius for n = 2: the largest certified square about each q, in degrees."""
-    _two_coordinates(atlas)
+    check_plane(atlas, Atlas, "an Atlas")
     region, resolution = atlas.region, whole(resolution, "resolution")
     grids = [region.lower[k] + (np.arange(resolution) + 0.5) * region.width[k] / resolution for k in range(2)]
     first, second = np.meshgrid(*grids, indexing="ij")
@@ -127,9 +119,23 @@ _STATUS_COLOURS = (
 )
 
 
-def _two_coordinates(atlas: Atlas) -> None:
-    if len(instance(atlas, "atlas", Atlas, "an Atlas").names) != 2:
-        raise InvalidInputError(f"the atlas has {len(atlas.names)} coordinates; maps are drawn for two")
+def check_plane(atlas: object, kind: type[Atlas] | type[SheetAtlas], what: str) -> None:
+    """Check that an atlas is of a kind (`what` in words), and of two coordinates.
+
+    Raises:
+        InvalidInputError: It is not.
+    """
+    names = instance(atlas, "atlas", kind, what).names
+    if len(names) != 2:
+        raise InvalidInputError(f"the atlas has {len(names)} coordinates; maps are drawn for two")
+
+
+def cells_drawn(atlas: Atlas | SheetAtlas, scale: ArrayLike) -> Array:
+    """The corners of an atlas's cells in turn, of shape (K, 4, 2), the coordinates times their scales."""
+    leaves = atlas.tree.leaves()
+    ends = atlas.tree.lower[leaves], atlas.tree.lower[leaves] + atlas.tree.size[leaves]
+    (x0, y0), (x1, y1) = (np.multiply(scale, atlas.region.position(end)).T for end in ends)
+    return np.stack([np.column_stack(corner) for corner in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))], 1)
 
 
 def _curves(axes: Any, curves: Sequence[SingularCurve], **style: float) -> None:
@@ -145,7 +151,7 @@ def _curves(axes: Any, curves: Sequence[SingularCurve], **style: float) -> None:
 
 def _window(axes: Any, names: Sequence[str], lower: ArrayLike, upper: ArrayLike) -> None:
     limits = dict(zip(("xlim", "ylim"), np.column_stack([lower, upper]), strict=True))
-    words = dict(zip(("xlabel", "ylabel"), (f"$q_{k + 1}$ ({name}) [°]" for k, name in enumerate(names)), strict=True))
+    words = dict(zip(("xlabel", "ylabel"), coordinate_labels(names, "°°"), strict=True))
     axes.set(aspect="equal", **words, **limits)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,12 +12,9 @@ from ccpin.arrays import Array, heading, instance, matrix_rows, numbers, records
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.mechanism.wireframe import outline, plane_of_motion
-from ccpin.plotting.style import COLOURS, drawing
+from ccpin.plotting.style import COLOURS, Figure, drawing
 from ccpin.proof.digests import require_same
 from ccpin.simulation.results.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _ABREAST = 3
 """Columns of a motion's panels in a row."""

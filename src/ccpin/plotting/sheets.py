@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import heading, instance, matrix_rows, records
+from ccpin.arrays import heading, matrix_rows, records
 from ccpin.domain.closures.packing import require_about
 from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.domain.singular.cusp_points import Cusp
-from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.plotting.style import drawing
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ccpin.plotting.atlases import cells_drawn, check_plane
+from ccpin.plotting.style import Figure, coordinate_labels, drawing
 
 _OPEN = "#b9bec6"
 _COUNTS = ("#f4f5f7", "#cfe3f5", "#9ecae1", "#9ccb9f", "#6bae8d", "#f2d16b", "#e9a15b")
@@ -47,17 +43,11 @@ def plot_sheets(
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Patch
 
-    if len(instance(atlas, "atlas", SheetAtlas, "a SheetAtlas").names) != 2:
-        raise InvalidInputError(f"the atlas has {len(atlas.names)} coordinates; maps are drawn for two")
-    system, leaves = atlas.problem.system, atlas.tree.leaves()
+    check_plane(atlas, SheetAtlas, "a SheetAtlas")
+    system = atlas.problem.system
     turns = system.periodic[system.independent]
     scale = np.where(turns, np.degrees(1.0), 1.0)
-    lower = scale * atlas.region.position(atlas.tree.lower[leaves])
-    upper = scale * atlas.region.position(atlas.tree.lower[leaves] + atlas.tree.size[leaves])
-    corners = np.stack(
-        [lower, np.column_stack([upper[:, 0], lower[:, 1]]), upper, np.column_stack([lower[:, 0], upper[:, 1]])], 1
-    )
-    count, handles = atlas.count[leaves], []
+    corners, count, handles = cells_drawn(atlas, scale), atlas.count[atlas.tree.leaves()], []
     require_about("a drawing of sheets", atlas, mechanism)
     with drawing(heading(title, f"{mechanism_of(mechanism).name}: assembly modes"), (7.2, 7.2)) as figure:
         axes = figure.add_subplot()
@@ -71,10 +61,7 @@ def plot_sheets(
         for cusp in records(cusps, "cusps", Cusp):
             axes.plot(*(scale * cusp.q), "o", color="#d1541f", markersize=7)
         limits = np.column_stack([scale * atlas.region.lower, scale * atlas.region.upper])
-        labels = [
-            f"$q_{k + 1}$ ({name}) [{'°' if turn else 'm'}]"
-            for k, (name, turn) in enumerate(zip(atlas.names, turns, strict=True))
-        ]
+        labels = coordinate_labels(atlas.names, ["°" if turn else "m" for turn in turns])
         axes.set(xlim=limits[0], ylim=limits[1], xlabel=labels[0], ylabel=labels[1])
         axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=3, frameon=False)
     return figure

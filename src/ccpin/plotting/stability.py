@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,11 +13,8 @@ from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.theorem3 import SetPointCertificate
 from ccpin.covering.region import Corners, corners_of
 from ccpin.errors import CcpinError, UnsupportedMechanismError
-from ccpin.plotting.style import COLOURS, drawing
+from ccpin.plotting.style import COLOURS, Figure, coordinate_labels, drawing
 from ccpin.simulation.results.metrics import LyapunovHistory
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _GRID = 64  # points of U along an edge of the window
 _MARGIN = 0.35  # of half the window's longer edge, about the cells
@@ -91,9 +88,7 @@ def plot_sublevel(
         for k, point in enumerate(points):
             mark, word = ("s", "in B₂") if certificate.contains(point) else ("D", "outside of B₂")
             axes.plot(*(point * scale), mark, color="0.15", label=f"start {k + 1}: {word}")
-        units = ("m" if value == 1.0 else "°" for value in scale)
-        named = enumerate(zip(mechanism.independent, units, strict=True), start=1)
-        xlabel, ylabel = (f"$q_{k}$ ({name}) [{unit}]" for k, (name, unit) in named)
+        xlabel, ylabel = coordinate_labels(mechanism.independent, ["m" if value == 1.0 else "°" for value in scale])
         axes.set(xlabel=xlabel, ylabel=ylabel)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, frameon=False)
     return figure

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ccpin.arrays import instance
 from ccpin.errors import InvalidInputError
 from ccpin.files import writable_target, write_atomically
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    import matplotlib.figure
 
+Figure: TypeAlias = "matplotlib.figure.Figure"
+"""Matplotlib's, which is imported when a figure is drawn."""
 COLOURS = ("#d1541f", "#1f6fb2", "#3a8f4d", "#8a4fa3", "#b58900", "#5a6570")
 STYLE = {
     "font.size": 10,
@@ -35,6 +37,11 @@ def drawing(title: str, size: tuple[float, float], **style: Any) -> Iterator[Fig
         figure = Figure(figsize=size, layout="constrained")
         figure.suptitle(title)
         yield figure
+
+
+def coordinate_labels(names: Sequence[str], units: Sequence[str]) -> list[str]:
+    """What stands beside the axes of independent coordinates."""
+    return [f"$q_{k}$ ({name}) [{unit}]" for k, (name, unit) in enumerate(zip(names, units, strict=True), start=1)]
 
 
 def save(figure: Figure, path: str | Path) -> None:

@@ -12,7 +12,7 @@ from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
 from ccpin.proof.equations import Problem, closure_values
 from ccpin.proof.narrowing import Candidates, directions, narrowed
 from ccpin.proof.ranges import Ranges
-from ccpin.proof.rounding import blur
+from ccpin.proof.rounding import blur, widened
 
 BEYOND = 1e-12
 """How far a search goes beyond its region each way; what two bounds may be apart by is less (rad, m)."""
@@ -25,14 +25,15 @@ _LEAST = 1e-9
 def over_all(problem: Problem, ranges: Ranges, lower: Array, upper: Array) -> Candidates:
     """The candidate that holds all closed configurations over lower ≤ q ≤ upper (n,) within the ranges; its cell is 0.
 
-    It goes beyond by `BEYOND`, but where the bounds of a coordinate are the same.
+    It goes beyond by `BEYOND` and roundings, but where the bounds of a coordinate are the same.
     """
     system = problem.system
     centre, half = np.zeros((2, 1, system.n_free))
     centre[:, system.dependent] = 0.5 * (ranges.lower + ranges.upper)
     half[:, system.dependent] = 0.5 * (ranges.upper - ranges.lower) + 1e-3 * ranges.edge
     centre[:, system.independent] = 0.5 * (lower + upper)
-    half[:, system.independent] = np.where(upper > lower, 0.5 * (upper - lower) + BEYOND, 0.0)
+    wide = widened(centre[:, system.independent], 0.5 * (upper - lower)) + BEYOND
+    half[:, system.independent] = np.where(upper > lower, wide, 0.0)
     return Candidates(np.zeros(1, dtype=np.intp), centre, half, np.zeros((1, system.m, system.n)))
 
 
@@ -112,10 +113,3 @@ def halved(problem: Problem, boxes: Candidates, cut: Indices) -> Candidates:
         grown[:, system.dependent] += apply(np.abs(boxes.slopes), spare[:, system.independent])
         parts.append(boxes._replace(centre=centre, half=grown))
     return joined(parts)
-
-
-def handed_down(problem: Problem, cut: Indices, child: Indices, waiting: Candidates) -> Candidates:
-    """The candidates over the two halves of their cells: cell k is halved along q's coordinate `cut[k]`."""
-    halves = halved(problem, waiting, problem.system.independent[cut[waiting.cell]])
-    below = child[waiting.cell]
-    return halves._replace(cell=np.concatenate([below, below + 1]))

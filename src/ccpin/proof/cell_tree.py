@@ -5,6 +5,8 @@ The leaves tile the region whatever the numbers of the tree are, as corners are 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import Array, Indices, Mask, joined, rows_of
 from ccpin.proof.equations import Closures
-from ccpin.proof.facts import require
+from ccpin.proof.facts import Form, ProvableClaim, require
 from ccpin.proof.newton import Boxes
 from ccpin.proof.rounding import LEAST, ROUNDINGS, UNIT_ROUNDOFF, product_of, sum_of
 from ccpin.proof.solutions import TURN
@@ -30,7 +32,7 @@ class CellRegion(NamedTuple):
     upper: Array
     wrapped: Mask
 
-    def position(self, corner: Integers) -> tuple[Array, Array]:
+    def position(self, corner: Integers | Array) -> tuple[Array, Array]:
         """Whole-number coordinates as points of q-space, sums of two doubles."""
         share = corner / WHOLE
         width, of_width = sum_of(self.upper, -self.lower)
@@ -51,6 +53,47 @@ def require_region(equations: Closures, region: CellRegion) -> None:
     gap = np.abs(upper - lower - TURN)
     near = ROUNDINGS * UNIT_ROUNDOFF * (TURN + np.abs(lower) + np.abs(upper))
     require(~wrapped | (periodic & (gap <= near)), "no full turn of a period")
+
+
+@dataclass(frozen=True, eq=False)
+class CellsClaim(ProvableClaim):
+    """What is claimed of the cells of a region; kinds of claims add to it.
+
+    Attributes:
+        lower, upper: The region's corners, of shape (n,); bounds that are the same: a coordinate that is held.
+        wrapped: Whether a coordinate is a full turn that closes on itself, of shape (n,).
+        cut: The coordinate that a cell is halved along, of shape (T,); cell 0 is the region.
+        child: The number of its lower half (the upper one's is one more), −1 of leaves, of shape (T,).
+    """
+
+    lower: Array
+    upper: Array
+    wrapped: Mask
+    cut: Indices
+    child: Indices
+    forms = MappingProxyType(
+        {
+            "lower": Form("P"),
+            "upper": Form("P"),
+            "wrapped": Form("P", "b"),
+            "cut": Form("T", "i", 0),
+            "child": Form("T", "i", -1),
+        }
+    )
+
+    @property
+    def region(self) -> CellRegion:
+        """The region."""
+        return CellRegion(self.lower, self.upper, self.wrapped)
+
+    def cells(self) -> HalvedTree:
+        """The tree of cells.
+
+        Raises:
+            NotProvedError: It is none, or the region is.
+        """
+        require_region(self.equations, self.region)
+        return tree_of(self.cut, self.child, len(self.lower))
 
 
 def lie_within(

@@ -17,23 +17,19 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ccpin.arrays import Array, Indices, Mask
-from ccpin.proof.cell_tree import CellRegion, Integers, faces_of, lie_within, require_region, tree_of
-from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
+from ccpin.proof.cell_tree import CellsClaim, Integers, faces_of, lie_within
+from ccpin.proof.facts import Examined, Fact, Form, provable, require
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of
 
 
 @provable
 @dataclass(frozen=True, eq=False)
-class RegionCover(ProvableClaim):
+class RegionCover(CellsClaim):
     """Cells of a region that lie in boxes, and which of these share faces.
 
     Premises: facts about boxes (`SolutionsInBoxes`), numbered through, then facts that glue them (`GluedBoxes`, `Met`).
 
     Attributes:
-        lower, upper: The region's corners, of shape (n,); bounds that are the same: a coordinate that is held.
-        wrapped: Whether a coordinate is a full turn that closes on itself, of shape (n,).
-        cut: The coordinate that a cell is halved along, of shape (T,); cell 0 is the region.
-        child: The number of its lower half (the upper one's is one more), −1 of leaves, of shape (T,).
         box: The number of the box that a leaf lies in, or −1, of shape (T,).
         start: The number of the box that the seed is in, or −1, of shape (1,).
 
@@ -42,21 +38,12 @@ class RegionCover(ProvableClaim):
     lies in a box; `seed` (1 or 0, N), a configuration to which the seed is known.
     """
 
-    lower: Array
-    upper: Array
-    wrapped: Mask
-    cut: Indices
-    child: Indices
     box: Indices
     start: Indices
     theorem = "gluing"
     forms = MappingProxyType(
         {
-            "lower": Form("P"),
-            "upper": Form("P"),
-            "wrapped": Form("P", "b"),
-            "cut": Form("T", "i", 0),
-            "child": Form("T", "i", -1),
+            **CellsClaim.forms,
             "box": Form("T", "i", -1),
             "start": Form("1", "i", -1),
         }
@@ -68,13 +55,13 @@ class RegionCover(ProvableClaim):
         glue = tuple(premise for premise in premises if type(premise.claim) in (GluedBoxes, Met))
         require(len(solutions) + len(glue) == len(premises), "premises of other kinds")
         boxes = boxes_of(solutions)
-        region = CellRegion(self.lower, self.upper, self.wrapped)
-        require_region(self.equations, region)
-        tree = tree_of(self.cut, self.child, len(self.lower))
+        tree = self.cells()
         leaves = np.flatnonzero(tree.reached & (self.child < 0))
         named = leaves[self.box[leaves] >= 0]
         require(self.box[leaves] < len(boxes.kappa), "a leaf names no box")
-        require(lie_within(self.equations, region, tree, named, boxes, self.box[named]), "a cell is not in its box")
+        require(
+            lie_within(self.equations, self.region, tree, named, boxes, self.box[named]), "a cell is not in its box"
+        )
         faces = faces_of(tree, self.cut, self.child, self.wrapped)
         one, other = self.box[faces.upper], self.box[faces.lower]
         both = (one >= 0) & (other >= 0)

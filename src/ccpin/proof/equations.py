@@ -102,11 +102,6 @@ class Closures:
         """N unknowns, M rows, P independent coordinates."""
         return {"N": self.system.n_free, "M": self.system.m, "P": self.system.n}
 
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """None."""
-        return ()
-
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all that φ is made of, and of which coordinates are independent."""
@@ -257,19 +252,21 @@ def _require_sound(system: ClosureSystem) -> None:
 _MADE: WeakKeyDictionary[ClosureSystem, dict[bool, Closures]] = WeakKeyDictionary()
 
 
-def closures_of(problem: Problem) -> Closures:
-    """A problem's closures, made once.
+def closures_of(problem: Problem | Closures) -> Closures:
+    """A problem's closures, made once; closures themselves.
 
     Raises:
         NotProvedError: Its numbers are not those of closures.
     """
+    if isinstance(problem, Closures):
+        return problem
     made, planar = _MADE.setdefault(problem.system, {}), problem.phasors is not None
     if planar not in made:
         made[planar] = Closures(problem.system, planar)
     return made[planar]
 
 
-def closure_values(problem: Problem, theta: Array) -> tuple[Array, Array]:
+def closure_values(problem: Problem | Closures, theta: Array) -> tuple[Array, Array]:
     """φ (B, m) and φ_θ (B, m, n′) at θ (B, n′)."""
     return closures_of(problem).first(theta)
 
@@ -283,7 +280,7 @@ class Derivatives(NamedTuple):
     arms: Array
 
 
-def derivatives(problem: Problem, theta: Array) -> Derivatives:
+def derivatives(problem: Problem | Closures, theta: Array) -> Derivatives:
     """φ, φ_θ and φ_θθ at θ (B, n′), by the chains."""
     point, arms = closures_of(problem).at(theta)
     pattern, entries = point.pattern, point.pattern.dense(point.second, problem.system.m)
@@ -292,7 +289,7 @@ def derivatives(problem: Problem, theta: Array) -> Derivatives:
     return Derivatives(point.value, point.slope, hessian, np.ascontiguousarray(np.transpose(arms, (2, 1, 0))))
 
 
-def third_bound(problem: Problem, theta: Array, arms: Array, box: Array) -> Array:
+def third_bound(problem: Problem | Closures, theta: Array, arms: Array, box: Array) -> Array:
     """τ ≥ every third and fourth derivative of φ_i over |θ − θ₀| ≤ box (B, n′), of shape (B, m).
 
     τ_i = Σ_c ‖(B_c)_i‖ max_j ρ_cj with ρ of `chain_reach`, `arms` (B, C, k) being |∂x_c/∂θ_j| at θ₀ (B, n′).

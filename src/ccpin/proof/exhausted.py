@@ -2,25 +2,27 @@
 
 Branch and prune: one candidate holds everything over the region within the ranges of the dependent coordinates, which
 are derived here (Lemma R). It is narrowed (Proposition N) and halved, in all coordinates; where no candidate is left
-over a cell, nothing is. So a search that finds a tree of cells may do as it likes: it is gone through again.
+over a cell, nothing is, nor as much as `BEYOND` beside it. So a search that finds a tree of cells may do as it likes:
+it is gone through again.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Protocol
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, joined, rows_of
-from ccpin.errors import UnsupportedMechanismError
-from ccpin.proof.candidates import halved, handed_down, narrowed_both, over_all, steepness, to_halve
-from ccpin.proof.cell_tree import WHOLE, CellRegion, require_region, tree_of
+from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
+from ccpin.proof.candidates import BEYOND, halved, narrowed_both, over_all, steepness, to_halve
+from ccpin.proof.cell_tree import WHOLE, CellRegion, CellsClaim, Integers
 from ccpin.proof.emptiness import empty_by, empty_cells, ends_over, groups_of, platform_of
-from ccpin.proof.equations import Closures, Problem
-from ccpin.proof.facts import Examined, Fact, Form, NotProvedError, ProvableClaim, provable, require
+from ccpin.proof.equations import Problem
+from ccpin.proof.facts import Examined, Fact, Form, provable, require
 from ccpin.proof.narrowing import Candidates
-from ccpin.proof.ranges import Ranges, ranges_of
+from ccpin.proof.ranges import Ranges, proved_ranges
+from ccpin.proof.rounding import blur, widened
 from ccpin.work import check
 
 _AT_ONCE = 20_000  # cells: bounds memory
@@ -32,13 +34,12 @@ _DEEPER = 1  # halvings of each edge of a cell that the claim does not keep and 
 
 @provable
 @dataclass(frozen=True, eq=False)
-class Excluded(ProvableClaim):
+class Excluded(CellsClaim):
     """Over no q of some leaves is there a closed configuration that keeps the limits.
 
     `singular`: or none that is singular or at a limit.
 
     Attributes:
-        lower, upper, wrapped, cut, child: The region and the tree of its cells, as for `covers.RegionCover`.
         kept: Leaves of which nothing is to be said, of shape (T,).
         limits: Of the dependent coordinates, ±`NO_LIMIT` where there is none, of shape (m, 2).
         middle: Of full turns: where they are cut open, of shape (m,).
@@ -47,11 +48,6 @@ class Excluded(ProvableClaim):
     Found: `empty` (T,), the leaves of which this is proved.
     """
 
-    lower: Array
-    upper: Array
-    wrapped: Mask
-    cut: Indices
-    child: Indices
     kept: Mask
     limits: Array
     middle: Array
@@ -59,11 +55,7 @@ class Excluded(ProvableClaim):
     theorem = "counting"
     forms = MappingProxyType(
         {
-            "lower": Form("P"),
-            "upper": Form("P"),
-            "wrapped": Form("P", "b"),
-            "cut": Form("T", "i", 0),
-            "child": Form("T", "i", -1),
+            **CellsClaim.forms,
             "kept": Form("T", "b"),
             "limits": Form("M2"),
             "middle": Form("M"),
@@ -71,27 +63,22 @@ class Excluded(ProvableClaim):
         }
     )
 
-    @property
-    def region(self) -> CellRegion:
-        """The region."""
-        return CellRegion(self.lower, self.upper, self.wrapped)
-
     def examined(self, *premises: Fact) -> Examined:
         """Branch and prune down the tree, as far as a leaf below is not kept."""
         require(not premises, "what is excluded rests on nothing else")
         require(self.equations.system.moduli == 0.0, "rows modulo something hold elsewhere too")
-        require_region(self.equations, self.region)
-        tree = tree_of(self.cut, self.child, len(self.lower))
+        tree = self.cells()
         asked, problem, ranges = _asked(tree.reached, self.child, self.kept), self.equations.problem, self.ranges()
-        waiting, tried, held = over_all(problem, ranges, self.lower, self.upper), 0, [np.zeros(0, dtype=np.intp)]
+        root, tried, held = over_all(problem, ranges, self.lower, self.upper), 0, [np.zeros(0, dtype=np.intp)]
         with np.errstate(all="ignore"):
+            waiting = over_cells(problem, self.region, tree, root)
             while (waiting := rows_of(waiting, asked[waiting.cell])).cell.size:
                 tried += len(waiting.cell)
                 require(tried < _MOST, "more candidates than are looked at")
                 waiting = _settled(problem, ranges, waiting, bool(self.singular[0]))
                 leaves = self.child[waiting.cell] < 0
                 held.append(self._held(problem, ranges, rows_of(waiting, leaves)))
-                waiting = handed_down(problem, self.cut, self.child, rows_of(waiting, ~leaves))
+                waiting = handed_down(problem, self.region, tree, self.child, rows_of(waiting, ~leaves))
         empty = tree.reached & (self.child < 0) & ~self.kept
         empty[np.concatenate(held)] = False
         return Examined(np.ones(1, dtype=np.bool_), {"empty": empty})
@@ -102,7 +89,7 @@ class Excluded(ProvableClaim):
         Raises:
             NotProvedError: One is not bounded.
         """
-        return ranges_over_region(self.equations, (self.lower, self.upper), self.limits, self.middle)
+        return proved_ranges(self.equations.system, self.middle, (self.lower, self.upper), self.limits)
 
     def _held(self, problem: Problem, ranges: Ranges, waiting: Candidates) -> Indices:
         """The leaves over which something is left of candidates, if these are halved a few times more."""
@@ -118,28 +105,22 @@ class Excluded(ProvableClaim):
 
 @provable
 @dataclass(frozen=True, eq=False)
-class Unreachable(ProvableClaim):
+class Unreachable(CellsClaim):
     """Over some leaves no closed configuration is, by the triangle inequality or by Theorem E with weights λ.
 
     Attributes:
-        lower, upper, wrapped, cut, child: The region and the tree of its cells, as for `covers.RegionCover`.
         cell: The leaves, of shape (K,).
         weights: λ of the legs of the platform (`emptiness.platform_of`), of shape (K, legs); without any: (K, 0).
 
     Found: `empty` (T,), the leaves of which this is proved.
     """
 
-    lower: Array
-    upper: Array
-    wrapped: Mask
-    cut: Indices
-    child: Indices
     cell: Indices
     weights: Array
     theorem = "platform"
     forms = MappingProxyType(
         {
-            **{name: Excluded.forms[name] for name in ("lower", "upper", "wrapped", "cut", "child")},
+            **CellsClaim.forms,
             "cell": Form("K", "i", 0),
             "weights": Form("Kl"),
         }
@@ -148,16 +129,14 @@ class Unreachable(ProvableClaim):
     def examined(self, *premises: Fact) -> Examined:
         """Both theorems, for all leaves."""
         require(not premises, "what is out of reach rests on nothing else")
-        system, region = self.equations.system, CellRegion(self.lower, self.upper, self.wrapped)
-        require_region(self.equations, region)
-        tree = tree_of(self.cut, self.child, len(self.lower))
+        system, tree = self.equations.system, self.cells()
         require((self.cell < len(self.child)) & (self.child[self.cell % len(self.child)] < 0), "no leaves")
         groups, platform = groups_of(system), platform_of(system)
         empty = np.zeros(len(self.child), dtype=np.bool_)
         for first in range(0, len(self.cell), _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
             cells, weights = self.cell[part], self.weights[part]
-            centre = region.position(tree.lower[cells] + 0.5 * tree.size[cells])[0]
+            centre = self.region.position(tree.lower[cells] + 0.5 * tree.size[cells])[0]
             half = 0.5 * (self.upper - self.lower) * (tree.size[cells] / WHOLE)
             proved = empty_cells(system, groups, centre, half)
             if platform is not None and weights.shape[1] == len(platform.lengths):
@@ -167,18 +146,42 @@ class Unreachable(ProvableClaim):
         return Examined(np.ones(1, dtype=np.bool_), {"empty": empty & tree.reached})
 
 
-def ranges_over_region(equations: Closures, region: tuple[Array, Array], limits: Array, middle: Array) -> Ranges:
-    """What is searched of the dependent coordinates over a region (lower, upper), full turns about `middle` (m,).
+class HasCorners(Protocol):
+    """Cells, in units of 2⁻³² of their region."""
 
-    Raises:
-        NotProvedError: One has no bounds.
+    @property
+    def lower(self) -> Integers:
+        """Lower corners, of shape (T, n)."""
+
+    @property
+    def size(self) -> Integers:
+        """Edge lengths, of shape (T, n)."""
+
+
+def handed_down(
+    problem: Problem, region: CellRegion, tree: HasCorners, child: Indices, waiting: Candidates
+) -> Candidates:
+    """The candidates over both halves of their cells."""
+    halves = [waiting._replace(cell=child[waiting.cell] + side) for side in (0, 1)]
+    return over_cells(problem, region, tree, joined(halves))
+
+
+def over_cells(problem: Problem, region: CellRegion, tree: HasCorners, waiting: Candidates) -> Candidates:
+    """What candidates hold over their cells, and `BEYOND` more each way, but where the region has no width.
+
+    |y − y_c − S(q − q_c)| ≤ h_y is the same from whatever q_c it is measured, y_c moved with it: here from the cell's
+    middle.
     """
-    system, theta = equations.system, np.zeros(equations.system.n_free)
-    theta[system.dependent] = middle
-    try:
-        return ranges_of(system, theta, region, limits, [str(j) for j in range(system.n_free)])
-    except UnsupportedMechanismError as error:
-        raise NotProvedError(str(error)) from error
+    system, slopes, centre, half = problem.system, waiting.slopes, waiting.centre.copy(), waiting.half.copy()
+    middle = region.position(tree.lower[waiting.cell] + 0.5 * tree.size[waiting.cell])[0]
+    edge = 0.5 * (region.upper - region.lower) * (tree.size[waiting.cell] / WHOLE)
+    moved = middle - centre[:, system.independent]
+    centre[:, system.independent] = middle
+    centre[:, system.dependent] += apply(slopes, moved)
+    half[:, system.independent] = np.where(region.upper > region.lower, widened(middle, edge) + BEYOND, 0.0)
+    spare = blur(centre[:, system.dependent]) + apply(np.abs(slopes), blur(moved)) * (1 + system.n)
+    half[:, system.dependent] += spare
+    return waiting._replace(centre=centre, half=half)
 
 
 def _asked(reached: Mask, child: Indices, kept: Mask) -> Mask:

@@ -9,7 +9,8 @@ proof, never makes a false one. This guards against mistakes and forged data, no
 
 What a claim may say is declared beside it: a `Form` for every array. Theorems are about these shapes (with fewer rows
 of a preconditioner than equations, AG = 0 would say less than G = 0), and what is no finite number is refused before
-it is compared with anything. A premise counts if it is about the same equations, told by their `digest`.
+it is compared with anything. A premise counts if it is about the same equations, told by their `digest`, or about those
+that the claim says it is to be about (`subjects`).
 """
 
 from __future__ import annotations
@@ -42,10 +43,6 @@ class Equations(Protocol):
     @property
     def sizes(self) -> Mapping[str, int]:
         """The lengths of the axes that forms name by capital letters."""
-
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """Digests of equations that they hold: a fact about these is one about them."""
 
 
 class Form(NamedTuple):
@@ -107,6 +104,10 @@ class ProvableClaim:
         """
         raise NotImplementedError
 
+    def subjects(self, *premises: Fact) -> tuple[str, ...]:
+        """The digests of what each premise is to be about: the claim's equations."""
+        return (self.equations.digest,) * len(premises)
+
     def take(self: C, rows: Any) -> C:
         """The claim of some of its rows."""
         chosen = {field.name: getattr(self, field.name)[rows] for field in fields(self)[1:]}
@@ -155,7 +156,7 @@ def provable(kind: type[C]) -> type[C]:
 
 
 def known(kind: type[T]) -> type[T]:
-    """Let `prove` know a kind of equations whose numbers were checked when they were made."""
+    """Let `prove` know a kind of equations whose bounds the kernel answers for."""
     _EQUATIONS.add(kind)
     return kind
 
@@ -280,9 +281,8 @@ def _examined(claim: ProvableClaim, premises: tuple[Fact, ...]) -> tuple[str, Ex
     require(type(claim) in _KINDS and type(claim.equations) in _EQUATIONS, "no claim that the kernel knows")
     require([type(premise) is Fact for premise in premises], "a premise is no fact")
     digest = claim.equations.digest
-    about = (digest, *claim.equations.parts)
-    require([premise.digest in about for premise in premises], "a premise is about other equations")
     formed = claim.well_formed()
+    require(tuple(p.digest for p in premises) == claim.subjects(*premises), "a premise is about other equations")
     examined = claim.examined(*premises)
     return digest, examined._replace(proved=examined.proved & formed)
 

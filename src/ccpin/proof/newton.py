@@ -1,13 +1,11 @@
 """One interval Newton: existence and uniqueness of σ over boxes, and of points (a parametric Krawczyk operator).
 
-Theorem N and lemma G are stated and proved in `ccpin/proof/theorems/theorem_n.md`, the contraction lemma in
-`extended.md`. Boxes are proposed elsewhere; their inequalities are checked here: Y, Z and Z̄ from `bounds`, (N1) and
-(N2) in `check`.
+Theorem N and lemma G are stated and proved in `ccpin/proof/theorems/theorem_n.md`. Boxes are proposed elsewhere;
+their inequalities are checked here: Y, Z and Z̄ from `bounds`, (N1) and (N2) in `check`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -159,7 +157,7 @@ class EnclosedSolution(NamedTuple):
     error: Array
 
 
-def predict(problem: Problem, boxes: Boxes, delta: Array, zeta: Array | None = None) -> Array:
+def predict(problem: Problem | Closures, boxes: Boxes, delta: Array, zeta: Array | None = None) -> Array:
     """θ_c + Dδ + Eζ, of shape (B, n′), for parameters δ (B, p) and modes ζ (B, m; default 0)."""
     theta = boxes.centre + apply(boxes.directions, delta)
     if zeta is not None:
@@ -167,7 +165,7 @@ def predict(problem: Problem, boxes: Boxes, delta: Array, zeta: Array | None = N
     return theta
 
 
-def solve_in_boxes(problem: Problem, boxes: Boxes, delta: Array) -> EnclosedSolution:
+def solve_in_boxes(problem: Problem | Closures, boxes: Boxes, delta: Array) -> EnclosedSolution:
     """σ at parameters |δ| ≤ h of B proved boxes; it cannot fail.
 
     A Newton step is taken where it stays in the tube and lowers ‖f‖ (in the box's norm) at least by κ, the step
@@ -199,14 +197,16 @@ class _Evaluation(NamedTuple):
     step: Array
 
 
-def _evaluate(problem: Problem, boxes: Boxes, delta: Array, zeta: Array) -> _Evaluation:
+def _evaluate(problem: Problem | Closures, boxes: Boxes, delta: Array, zeta: Array) -> _Evaluation:
     phi, jacobian = closure_values(problem, predict(problem, boxes, delta, zeta))
     residual = apply(boxes.preconditioner, phi)
     slope = boxes.preconditioner @ jacobian[:, :, problem.system.dependent] @ boxes.modes
     return _Evaluation(residual, np.max(np.abs(residual) / boxes.weight, axis=1), -solve_many(slope, residual))
 
 
-def _step(problem: Problem, boxes: Boxes, delta: Array, zeta: Array, now: _Evaluation) -> tuple[Array, _Evaluation]:
+def _step(
+    problem: Problem | Closures, boxes: Boxes, delta: Array, zeta: Array, now: _Evaluation
+) -> tuple[Array, _Evaluation]:
     trial = zeta + now.step
     inside = np.all(np.abs(trial) <= boxes.radius, axis=1)
     trial = np.where(inside[:, None], trial, zeta - now.residual)
@@ -231,7 +231,7 @@ def within(problem: Problem, boxes: Boxes, delta: Array) -> Mask:
 
 
 def encloses(
-    problem: Problem, boxes: Boxes, delta: Array, theta: Array, error: Array, modes: Array | None = None
+    problem: Problem | Closures, boxes: Boxes, delta: Array, theta: Array, error: Array, modes: Array | None = None
 ) -> Mask:
     """Whether solutions known as θ + modes · [−error, error] (dependent coordinates) lie in the boxes' tubes at δ.
 
@@ -280,36 +280,3 @@ def in_tubes(system: ClosureSystem, tubes: TubesAt, blurred: Array, ball: Soluti
     defect = wrong.sum(axis=2).max(axis=1)
     reach += (2.0 * defect * reach.max(axis=1))[:, None]  # Vζ = x has |ζ| ≤ |Mx| + X|ζ|, M the inverse as computed
     return np.asarray((defect < 0.5) & np.all(reach * SLACK <= tubes.radius, axis=1))
-
-
-_RADII = (2.0, 8.0, 64.0)
-
-
-def proved_within(
-    value: Array, slope: Array, weight: Array, rounding: Array, drift: Callable[[Indices, Array], Array]
-) -> Array:
-    """The r of the lemma at B points, of shape (B,); NaN where none of those tried will do.
-
-    Args:
-        value: F(x₀), of shape (B, unknowns).
-        slope: F′(x₀), of shape (B, unknowns, unknowns).
-        weight: By how much the rounding of φ counts in F, of shape (B,).
-        rounding: The rounding error of the entries of F′, of the shape of `slope`.
-        drift: Δ of some of the points for radii, (K, unknowns, unknowns) for (K,) and (K,).
-    """
-    inverse, count = inverses(slope), slope.shape[1]
-    size = np.abs(inverse)
-    wrong = np.broadcast_to((weight * (rounding.max(axis=(1, 2)) + 4.0 * UNIT_ROUNDOFF))[:, None], value.shape)
-    wrong = wrong + 8.0 * count * UNIT_ROUNDOFF * np.abs(value)
-    left = np.max(np.abs(apply(inverse, value)) + apply(size, wrong), axis=1)
-    defect = np.abs(np.eye(count) - inverse @ slope) + size @ (rounding + 8.0 * count * UNIT_ROUNDOFF * np.abs(slope))
-    found, rows = np.full(len(slope), np.nan), np.flatnonzero(np.isfinite(left))
-    for factor in _RADII:
-        radius = factor * left[rows]
-        kappa = (defect[rows] + size[rows] @ drift(rows, radius)).sum(axis=2).max(axis=1)
-        proved = (left[rows] * SLACK + kappa * SLACK * radius < radius) & (kappa * SLACK < 1.0)
-        found[rows[proved]] = radius[proved]
-        rows = rows[~proved]
-        if not rows.size:
-            break
-    return found

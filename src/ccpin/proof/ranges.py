@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ccpin.arrays import Array, Indices, Mask
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.proof.chains import Chain, ClosureSystem
+from ccpin.proof.facts import NotProvedError
 
 NO_LIMIT = float(np.finfo(np.float64).max)
 """Stands for no limit in documents, which have no infinity."""
@@ -104,6 +105,20 @@ def ranges_over(closures: ClosureSystem, ranges: Ranges, region: tuple[Array, Ar
     middle = np.zeros(len(closures.periodic))
     middle[closures.dependent] = 0.5 * ranges.lower + 0.5 * ranges.upper
     return ranges_of(closures, middle, region, ranges.limits, [f"coordinate {j}" for j in range(len(middle))])
+
+
+def proved_ranges(closures: ClosureSystem, middle: Array, region: tuple[Array, Array], limits: Array) -> Ranges:
+    """The same, full turns about `middle` (m,), for a claim.
+
+    Raises:
+        NotProvedError: A range is not bounded.
+    """
+    theta = np.zeros(closures.n_free)
+    theta[closures.dependent] = middle
+    try:
+        return ranges_of(closures, theta, region, limits, [f"coordinate {j}" for j in range(closures.n_free)])
+    except UnsupportedMechanismError as error:
+        raise NotProvedError(str(error)) from error
 
 
 class _Intervals:

@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
-from ccpin.proof.candidates import halved, narrowed_both, over_all, to_halve
+from ccpin.proof.candidates import BEYOND, halved, narrowed_both, over_all, to_halve
 from ccpin.proof.cell_tree import WHOLE, HalvedTree, faces_of, lie_within, tree_of
 from ccpin.proof.equations import Problem
 from ccpin.proof.exhausted import Excluded
@@ -25,8 +25,8 @@ from ccpin.proof.facts import Examined, Fact, Form, NotProvedError, ProvableClai
 from ccpin.proof.narrowing import Candidates, alone_in
 from ccpin.proof.newton import Boxes, without_turns
 from ccpin.proof.ranges import Ranges
-from ccpin.proof.rounding import SLACK
-from ccpin.proof.solutions import at_centres, boxes_of
+from ccpin.proof.rounding import SLACK, blur, sum_of
+from ccpin.proof.solutions import TURN, at_centres, boxes_of
 
 _MOST = 1_000_000  # candidates over one q
 _INNER = 0.25  # of a cell: so far from its middle a q is surely in it
@@ -64,7 +64,7 @@ class CountedCells(ProvableClaim):
         require(excluded.singular, "what is excluded are not the singular ones")
         require(len(self.point) == len(boxes.kappa) and np.all(self.point < len(self.cell)), "a box over no q")
         self._require_over(boxes)
-        tree = tree_of(excluded.cut, excluded.child, len(excluded.lower))
+        tree = excluded.cells()
         part = _parts(tree, excluded, premises[0].found["empty"])
         require(self.cell < len(part), "a cell that is none")
         require(well_inside(excluded, tree, self.cell, self.q), "a q that is not in its cell")
@@ -172,14 +172,19 @@ class CompleteCells(ProvableClaim):
 
 def well_inside(excluded: Excluded, tree: HalvedTree, cells: Indices, q: Array) -> Mask:
     """Whether points q (K, n) are in the middle half of cells (K,), of shape (K,)."""
-    middle = excluded.region.position(tree.lower[cells] + 0.5 * tree.size[cells])[0]
+    middle, rest = excluded.region.position(tree.lower[cells] + 0.5 * tree.size[cells])
+    gap, of_gap = sum_of(q, -middle)
     width = (excluded.upper - excluded.lower) * (tree.size[cells] / WHOLE)
-    return np.asarray(np.all(np.abs(q - middle) <= _INNER * width, axis=1))
+    return np.asarray(np.all(np.abs(gap + (of_gap - rest)) <= _INNER * width, axis=1))
 
 
 def _parts(tree: HalvedTree, excluded: Excluded, ours: Mask) -> Indices:
-    """The connected union of such leaves that each of them belongs to; −1 of other cells, of shape (T,)."""
-    faces = faces_of(tree, excluded.cut, excluded.child, excluded.wrapped)
+    """The connected union of such leaves that each of them belongs to; −1 of other cells, of shape (T,).
+
+    The ends of a full turn are one where no more than what is excluded beyond them may be between them.
+    """
+    closed = excluded.wrapped & (np.abs(excluded.upper - excluded.lower - TURN) <= BEYOND)
+    faces = faces_of(tree, excluded.cut, excluded.child, closed)
     both = ours[faces.upper] & ours[faces.lower]
     ends = faces.upper[both], faces.lower[both]
     graph = coo_array((np.ones(len(ends[0])), ends), shape=(len(ours), len(ours)))
@@ -197,7 +202,7 @@ def own_solutions(problem: Problem, ranges: Ranges, q: Array, boxes: Boxes) -> M
     waiting, tried = over_all(problem, ranges, q, q), 0
     while True:
         waiting = narrowed_both(problem, ranges, waiting)
-        waiting = rows_of(waiting, ~known(problem, waiting, boxes))
+        waiting = rows_of(waiting, ~alone_over(problem, waiting, boxes))
         tried += len(waiting.cell)
         if not waiting.cell.size:
             break
@@ -213,7 +218,7 @@ def own_solutions(problem: Problem, ranges: Ranges, q: Array, boxes: Boxes) -> M
     return own
 
 
-def known(problem: Problem, waiting: Candidates, boxes: Boxes) -> Mask:
+def alone_over(problem: Problem, waiting: Candidates, boxes: Boxes) -> Mask:
     """Which candidates over one q hold no configuration but that of one of B boxes, of shape (K,)."""
     done, dependent = np.zeros(len(waiting.cell), dtype=np.bool_), problem.system.dependent
     for k in range(len(boxes.kappa)):
@@ -240,7 +245,7 @@ def same(problem: Problem, one: Boxes, other: Boxes) -> bool:
     system = problem.system
     centre = other.centre + _gap(problem, one, other)
     half = np.zeros_like(centre)
-    half[:, system.dependent] = _spread(one)
+    half[:, system.dependent] = _spread(one) + (blur(one.centre) + blur(other.centre))[:, system.dependent]
     ball = Candidates(np.zeros(1, dtype=np.intp), centre, half, one.directions[:, system.dependent])
     return bool(alone_in(problem, other, ball)[0])
 

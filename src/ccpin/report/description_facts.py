@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,10 +14,8 @@ from ccpin.mechanism.wireframe import plane_of_motion
 from ccpin.pages.parts import bullets, figure, paragraphs, table
 from ccpin.plotting import COLOURS
 from ccpin.plotting.motion import plot_configuration_panels
+from ccpin.plotting.style import Figure
 from ccpin.report.settings import value
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _OPEN = 0.1  # of the mechanism's extent: how far the ends of its loops are drawn apart
 _TURN = 1.2  # rad or m: no joint moves farther for that
@@ -37,7 +35,7 @@ def identity(model: ReducedModel) -> str:
             loop.closure.kind,
             f"`{loop.closure.link_a}` – `{loop.closure.link_b}`",
             str(loop.size),
-            _planar(loop),
+            "" if loop.normal is None else "planar loop",
         )
         for loop in mechanism.constraints().loops
     ]
@@ -49,16 +47,13 @@ def identity(model: ReducedModel) -> str:
     return "".join(parts)
 
 
-def _planar(loop: Any) -> str:
-    return "planar loop" if loop.normal is not None else ""
-
-
 def _words(mechanism: Mechanism) -> list[str]:
     mobility = mechanism.mobility
     mass = sum(mechanism.pin_model.inertias[j].mass for j in range(1, mechanism.pin_model.njoints))
     loops, motors = len(mechanism.closures), len(mechanism.actuated)
     factor = mechanism.parametrization().at(mechanism.q_reference).factor
     error = float(np.linalg.norm(mechanism.constraints().residual(mechanism.q_reference)))
+    closed = f"{error:.0e}" if error else "0"
     ways = "one independent motion" if mechanism.n == 1 else f"{mechanism.n} independent motions"
     surplus = motors - mechanism.n
     drive = "as many motors as that" if surplus == 0 else f"{motors} motor{'' if motors == 1 else 's'}"
@@ -70,15 +65,11 @@ def _words(mechanism: Mechanism) -> list[str]:
         f"Cut open it has n′ = {mobility.n_free} velocities; the closures take {mobility.rank} of them (rank of "
         f"{mobility.rows} rows), which leaves {ways}: {_names(mechanism.independent)}. It has {drive}"
         + (f": {_names(mechanism.actuated)}." if motors else "."),
-        f"At the reference it closes to {_small(error)} and 1/κ(ψ_q′) = {factor.rcond:.3g} (0 would be singular).",
+        f"At the reference it closes to {closed} and 1/κ(ψ_q′) = {factor.rcond:.3g} (0 would be singular).",
     ]
     if mechanism.locked:
         words.append(f"Held still: {_names(mechanism.locked)}.")
     return [*words, *(sentence[0].upper() + sentence[1:] for sentence in mobility.idle)]
-
-
-def _small(error: float) -> str:
-    return f"{error:.0e}" if error else "0"
 
 
 def _names(names: tuple[str, ...]) -> str:
@@ -87,6 +78,8 @@ def _names(names: tuple[str, ...]) -> str:
 
 def _joints(mechanism: Mechanism) -> list[tuple[str, str, str, str]]:
     """Every joint by its place in q′."""
+    named = {"independent": mechanism.independent, "actuated": mechanism.actuated}
+    sets = {word: {mechanism.tree.split(name)[0] for name in names} for word, names in named.items()}
     rows = []
     for joint in mechanism.tree.joints:
         reference = mechanism.q_reference[joint.q]
@@ -94,13 +87,9 @@ def _joints(mechanism: Mechanism) -> list[tuple[str, str, str, str]]:
             shown = value(mechanism, joint.name, float(reference[0]))
         else:
             shown = "(" + ", ".join(f"{x:.4g}" for x in reference) + ")"
-        roles = [word for word, names in _roles(mechanism) if joint.name in {mechanism.tree.split(n)[0] for n in names}]
+        roles = [word for word, joints in sets.items() if joint.name in joints]
         rows.append((f"`{joint.name}`", joint.kind.name, shown, ", ".join(roles)))
     return rows
-
-
-def _roles(mechanism: Mechanism) -> tuple[tuple[str, tuple[str, ...]], ...]:
-    return ("independent", mechanism.independent), ("actuated", mechanism.actuated)
 
 
 def cut_open(mechanism: Mechanism) -> Figure:

@@ -114,8 +114,8 @@ def experiment(model: ReducedModel, found: Experiment) -> str:
     """The section as HTML."""
     mechanism, motion = model.mechanism, found.motion
     closed = f"‖φ‖ ≤ {motion.closure_error.max():.0e} at all {len(motion.t)} samples"
-    words = f"{found.words} The motion {_ended(motion)}; {closed}."
-    parts = [paragraphs(words)]
+    ended = "ran to its end" if motion.status == "finished" else f"ended early: {motion.message}"
+    parts = [paragraphs(f"{found.words} The motion {ended}; {closed}.")]
     if found.goal is not None:
         metrics = set_point_metrics(motion, model, found.goal)
         settled = "not within ±2° at the end" if metrics.settling_time is None else f"{metrics.settling_time:.3f} s"
@@ -143,10 +143,6 @@ def _moved(mechanism: Mechanism, start: Array, goal: Array, overshoot: Array) ->
     """Each coordinate's way: name, start, goal and overshoot."""
     ends = zip(mechanism.independent, start, goal, overshoot, strict=True)
     return [(f"`{name}`", *(value(mechanism, name, float(x)) for x in numbers)) for name, *numbers in ends]
-
-
-def _ended(motion: Trajectory) -> str:
-    return "ran to its end" if motion.status == "finished" else f"ended early: {motion.message}"
 
 
 def animation(mechanism: Mechanism, motion: Trajectory | None) -> str:

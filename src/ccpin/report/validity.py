@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import combinations
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,11 +17,8 @@ from ccpin.errors import CcpinError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.pages.parts import figure, paragraphs, table
 from ccpin.plotting import plot_atlas, plot_singularities
-from ccpin.plotting.style import drawing
+from ccpin.plotting.style import Figure, drawing
 from ccpin.report.settings import ReportSettings, scalar, sliding
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 T = TypeVar("T")
 _SLICES = 3  # drawn, at most: one a pair of coordinates

@@ -1,7 +1,5 @@
 """Motions of the reduced model, and what is read off them: forces, friction, settling, Lyapunov functions."""
 
-from __future__ import annotations
-
 from ccpin.simulation.events.settling import Settling
 from ccpin.simulation.events.watches import Event
 from ccpin.simulation.integration.budget import Budget

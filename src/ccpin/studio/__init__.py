@@ -11,9 +11,7 @@ from ccpin.studio.cache import Cache
 from ccpin.studio.server import Studio
 from ccpin.studio.subject import Subject
 
-__all__ = [
-    "studio",
-]
+__all__ = ["studio"]
 __dir__ = __all__.copy
 
 LAST_PORT = 65535  # that TCP has

@@ -10,6 +10,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from ccpin.domain.closures.system import Reading
 from ccpin.errors import CcpinError
 from ccpin.files import write_atomically
 
+T = TypeVar("T")
 Arrays = dict[str, NDArray[np.generic]]
 ROOM = 400e6
 """Bytes that all of it may take; beyond, what was not asked for longest goes."""
@@ -56,36 +58,19 @@ class Cache:
 
     def load(self, key: str) -> Arrays | None:
         """What is kept under a key, or ``None``."""
-        path = self._path(key)
-        try:
-            arrays = plain_arrays(path)
-        except CcpinError:
-            return None
-        with suppress(OSError):
-            os.utime(path)
-        return arrays
+        return self._read(key, plain_arrays)
 
     def save(self, key: str, arrays: Arrays) -> None:
         """Keep arrays under a key, where there is room."""
-        with suppress(CcpinError, OSError):
-            write_atomically(self._path(key), "wb", lambda file: np.savez_compressed(file, **arrays))  # type: ignore[arg-type]
-            self._make_room()
+        self._write(key, lambda path: write_atomically(path, "wb", lambda file: np.savez_compressed(file, **arrays)))  # type: ignore[arg-type]
 
     def load_atlas(self, key: str) -> Atlas | None:
         """The atlas kept under a key, or ``None``."""
-        try:
-            atlas = Atlas.load(self._path(key))
-        except CcpinError:
-            return None
-        with suppress(OSError):
-            os.utime(self._path(key))
-        return atlas
+        return self._read(key, Atlas.load)
 
     def keep_atlas(self, key: str, atlas: Atlas) -> None:
         """Keep an atlas under a key, where there is room."""
-        with suppress(CcpinError, OSError):
-            atlas.save(self._path(key))
-            self._make_room()
+        self._write(key, atlas.save)
 
     @contextmanager
     def alone(self, key: str, check: Callable[[], None]) -> Iterator[None]:
@@ -97,6 +82,21 @@ class Cache:
             yield
         finally:
             lock.release()
+
+    def _read(self, key: str, read: Callable[[Path], T]) -> T | None:
+        path = self._path(key)
+        try:
+            found = read(path)
+        except CcpinError:
+            return None
+        with suppress(OSError):
+            os.utime(path)
+        return found
+
+    def _write(self, key: str, write: Callable[[Path], None]) -> None:
+        with suppress(CcpinError, OSError):
+            write(self._path(key))
+            self._make_room()
 
     def _path(self, key: str) -> Path:
         return self.folder / f"{key}.npz"

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ccpin.arrays import Array, choice
+from ccpin.arrays import choice
 from ccpin.studio.driving_page import studio_page
 from ccpin.studio.recorded_run import Recording
 from ccpin.studio.subject import Subject, Tap
@@ -42,7 +42,7 @@ def told_motion(motion: Recording, subject: Subject) -> dict[str, Any]:
         "q": q.T.tolist(),
         "v": samples.v[chosen].T.tolist(),
         "u": samples.u[chosen].T.tolist(),
-        "lyapunov": _plain(motion.lyapunov[chosen]),
+        "lyapunov": [None if math.isnan(value) else value for value in motion.lyapunov[chosen].tolist()],
         "energy": motion.energy,
         "goal": goal,
         "closure": float(samples.closure_error.max()),
@@ -65,10 +65,6 @@ def _played(motion: Recording, subject: Subject) -> list[bytes]:
 def encoded(commands: list[bytes]) -> list[str]:
     """MeshCat's commands as text."""
     return [base64.b64encode(command).decode("ascii") for command in commands]
-
-
-def _plain(values: Array) -> list[float | None]:
-    return [None if math.isnan(value) else value for value in values.tolist()]
 
 
 def saved(motion: Recording, form: object) -> dict[str, Any]:

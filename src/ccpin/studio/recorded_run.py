@@ -21,11 +21,7 @@ from ccpin.simulation.results.trajectory import Trajectory, joined
 from ccpin.studio.jobs import Job
 
 LawName = Literal["simple", "full", "computed"]
-LAWS: dict[LawName, str] = {
-    "simple": "(28) simple gravity",
-    "full": "(30) full gravity",
-    "computed": "computed torque",
-}
+LAWS: dict[LawName, str] = {"simple": "(28) simple gravity", "full": "(30) full gravity", "computed": "computed torque"}
 SAMPLES = 1500  # of a recording, at most: no more than one a millisecond
 PIECES = 25
 """Stretches of a run between two looks at whether it is still wanted."""

@@ -17,8 +17,8 @@ from ccpin.studio.cache import Cache
 from ccpin.studio.dials import Dials
 from ccpin.studio.handles import Handle, handles_of
 from ccpin.studio.recorded_run import LAWS
-from ccpin.visualization.annotations import name_joints
 from ccpin.visualization.camera import plane_normal
+from ccpin.visualization.playing import standing_scene
 from ccpin.visualization.scene import Scene
 from ccpin.visualization.scene_page import CommandRecorder
 
@@ -77,13 +77,7 @@ class Subject:
 
     def scene(self, recorder: CommandRecorder) -> Scene:
         """A scene of its own at the reference, drawn into a recorder."""
-        import meshcat
-
-        scene = Scene(self.mechanism, meshcat.Visualizer(window=recorder))
-        scene.frame_camera(self.mechanism.q_reference[None])
-        name_joints(scene)
-        scene.place(self.mechanism.q_reference)
-        return scene
+        return standing_scene(self.mechanism, recorder)
 
     def told(self, scene: Scene) -> dict[str, Any]:
         """What a page is told once."""
@@ -126,12 +120,9 @@ class Subject:
             "rcond": state.rcond,
             "D": state.D.tolist(),
             "g": state.g.tolist(),
-            "q_free": [[name, *state.q_free[window].tolist()] for name, window in self._joints()],
+            "q_free": [[joint.name, *state.q_free[joint.q].tolist()] for joint in self.mechanism.tree.joints],
             "beyond": [name for name, i, low, high in self._limits if not low <= state.q_free[i] <= high],
         }
-
-    def _joints(self) -> list[tuple[str, slice]]:
-        return [(joint.name, joint.q) for joint in self.mechanism.tree.joints]
 
     def _limited(self) -> list[tuple[str, int, float, float]]:
         lower, upper = self.mechanism.position_limits

@@ -3,15 +3,9 @@
 Needs python-flint (the extra ``validated``), which is imported when a function is called.
 """
 
-from __future__ import annotations
-
 from ccpin.validated.flow.enclosure import enclose
 from ccpin.validated.sets.move import certify_move
 from ccpin.validated.sets.set_enclosure import enclose_set
 
-__all__ = [
-    "certify_move",
-    "enclose",
-    "enclose_set",
-]
+__all__ = ["certify_move", "enclose", "enclose_set"]
 __dir__ = __all__.copy

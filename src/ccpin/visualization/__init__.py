@@ -15,21 +15,16 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import heading, whole
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.visualization.annotations import Tracked, name_joints
+from ccpin.visualization.annotations import Tracked
 from ccpin.visualization.embedded import Embedded
 from ccpin.visualization.film import FILMS, PAGES, STILLS, Shot, write
 from ccpin.visualization.live import LiveRecorder, Viewer, serve_scene
-from ccpin.visualization.playback import HasForce, checked_pose
-from ccpin.visualization.playing import play
+from ccpin.visualization.playback import HasForce
+from ccpin.visualization.playing import named_scene, play, standing_scene
 from ccpin.visualization.scene import Scene
 from ccpin.visualization.scene_page import CommandRecorder, render_page
 
-__all__ = [
-    "animate",
-    "embed",
-    "snapshot",
-    "view",
-]
+__all__ = ["animate", "embed", "snapshot", "view"]
 __dir__ = __all__.copy
 
 
@@ -116,7 +111,7 @@ def snapshot(
     mechanism = mechanism_of(mechanism)
     shot = Shot(path, (*PAGES, *STILLS), size)
     recorder = CommandRecorder()
-    _pose(mechanism, recorder, q_free)
+    standing_scene(mechanism, recorder, q_free)
     return write(shot, render_page(heading(title, mechanism.title), recorder.commands), 1)
 
 
@@ -149,22 +144,6 @@ def view(
     return Viewer(scene, serve_scene(render_page(words, (), live=True), recorder), open_browser)
 
 
-def _scene(mechanism: Mechanism, recorder: CommandRecorder) -> Scene:
-    import meshcat
-
-    return Scene(mechanism, meshcat.Visualizer(window=recorder))
-
-
-def _pose(mechanism: Mechanism, recorder: CommandRecorder, q_free: ArrayLike | None) -> Scene:
-    """A scene that shows one configuration (default: the reference)."""
-    pose = checked_pose(mechanism, mechanism.q_reference if q_free is None else q_free)
-    scene = _scene(mechanism, recorder)
-    scene.frame_camera(pose[None])
-    name_joints(scene)
-    scene.place(pose)
-    return scene
-
-
 def _show(
     mechanism: Mechanism, recorder: CommandRecorder, q_free: ArrayLike | None, t: ArrayLike | None, **playing: Any
 ) -> Scene:
@@ -175,7 +154,7 @@ def _show(
         return _play(mechanism, recorder, t, q_free, **playing)[0]
     if q_free is not None and np.ndim(q_free) == 2:
         raise InvalidInputError("q_free is a trajectory, of shape (T, nq); give its times t, of shape (T,), too")
-    return _pose(mechanism, recorder, q_free)
+    return standing_scene(mechanism, recorder, q_free)
 
 
 def _play(
@@ -191,6 +170,5 @@ def _play(
     loop: bool,
 ) -> tuple[Scene, int]:
     """A scene that plays a trajectory, and its number of frames."""
-    scene = _scene(mechanism, recorder)
-    name_joints(scene)
+    scene = named_scene(mechanism, recorder)
     return scene, play(scene, t, q_free, fps=fps, speed=speed, trace=trace, forces=forces, loop=loop)

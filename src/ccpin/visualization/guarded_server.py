@@ -14,6 +14,7 @@ import asyncio
 import hmac
 import secrets
 import threading
+import webbrowser
 from collections.abc import Callable
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -54,6 +55,7 @@ class Guest(Protocol):
 
 
 Welcomed = TypeVar("Welcomed", bound=Guest)
+S = TypeVar("S", bound="Served[Any]")
 
 
 class PageSocket:
@@ -233,3 +235,38 @@ class Server(Generic[Welcomed]):
             log_function=lambda handler: None,
             websocket_max_message_size=LARGEST_MESSAGE,
         )
+
+
+class Served(Generic[Welcomed]):
+    """What is served until it is closed; a context manager.
+
+    Args:
+        server: Serves it.
+        open_browser: Whether to open it in the machine's browser.
+    """
+
+    def __init__(self, server: Server[Welcomed], open_browser: bool = False) -> None:
+        self._server = server
+        self._closed = threading.Event()
+        if open_browser:
+            webbrowser.open(self.url)
+
+    @property
+    def url(self) -> str:
+        """The page's address, on the loopback interface."""
+        return self._server.url
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Block until it is closed or `timeout` seconds have passed; return whether it is closed."""
+        return self._closed.wait(timeout)
+
+    def close(self) -> None:
+        """Stop the server and its thread; does nothing the second time."""
+        self._server.close()
+        self._closed.set()
+
+    def __enter__(self: S) -> S:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

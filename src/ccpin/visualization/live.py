@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import threading
-import webbrowser
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numpy.typing import ArrayLike
 
 from ccpin.visualization.embedded import frame
-from ccpin.visualization.guarded_server import Guest, PageSocket, Server
+from ccpin.visualization.guarded_server import Guest, PageSocket, Served, Server
 from ccpin.visualization.playback import checked_pose
 from ccpin.visualization.scene_page import CommandRecorder
 
@@ -62,20 +61,12 @@ class _Watcher(NamedTuple):
         self.recorder.leave(self.page)
 
 
-class Viewer:
+class Viewer(Served[Guest]):
     """An open live viewer of a scene drawn into a `LiveRecorder`; close it, or use it as a context manager."""
 
     def __init__(self, scene: Scene, server: Server[Guest], open_browser: bool = False) -> None:
         self.scene = scene
-        self._server = server
-        self._closed = threading.Event()
-        if open_browser:
-            webbrowser.open(self.url)
-
-    @property
-    def url(self) -> str:
-        """The page's address, on the loopback interface."""
-        return self._server.url
+        super().__init__(server, open_browser)
 
     def _repr_html_(self) -> str:
         """The live page in a notebook's frame."""
@@ -96,21 +87,6 @@ class Viewer:
         self.scene.stop()
         self.scene.place(pose)
         self.scene.keep_in_frame(pose)
-
-    def wait(self, timeout: float | None = None) -> bool:
-        """Block until the viewer is closed or `timeout` seconds have passed; return whether it is closed."""
-        return self._closed.wait(timeout)
-
-    def close(self) -> None:
-        """Stop the server and its thread; does nothing the second time."""
-        self._server.close()
-        self._closed.set()
-
-    def __enter__(self) -> Viewer:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def serve_scene(text: str, recorder: LiveRecorder) -> Server[Guest]:

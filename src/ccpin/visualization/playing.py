@@ -1,4 +1,4 @@
-"""A trajectory played in a scene, with all that is drawn of its course."""
+"""Scenes kept by a recorder: one configuration standing, or a trajectory played with all that is drawn of it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,40 @@ from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
 
-from ccpin.visualization.annotations import Tracked, draw_forces, draw_ghosts, draw_trace
-from ccpin.visualization.playback import HasForce, checked_poses, checked_times, finer, frame_times, sample
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.visualization.annotations import Tracked, draw_forces, draw_ghosts, draw_trace, name_joints
+from ccpin.visualization.playback import (
+    HasForce,
+    checked_pose,
+    checked_poses,
+    checked_times,
+    finer,
+    frame_times,
+    sample,
+)
 from ccpin.visualization.scene import Scene
+from ccpin.visualization.scene_page import CommandRecorder
 
 TRACED_SAMPLES = 400
 """A path is drawn through at least so many points, however few the frames."""
+
+
+def named_scene(mechanism: Mechanism, recorder: CommandRecorder) -> Scene:
+    """A scene, drawn into a recorder, with the names of its joints."""
+    import meshcat
+
+    scene = Scene(mechanism, meshcat.Visualizer(window=recorder))
+    name_joints(scene)
+    return scene
+
+
+def standing_scene(mechanism: Mechanism, recorder: CommandRecorder, q_free: ArrayLike | None = None) -> Scene:
+    """Such a scene that shows one configuration (default: the reference); errors as for `checked_pose`."""
+    pose = checked_pose(mechanism, mechanism.q_reference if q_free is None else q_free)
+    scene = named_scene(mechanism, recorder)
+    scene.frame_camera(pose[None])
+    scene.place(pose)
+    return scene
 
 
 def play(

@@ -121,6 +121,12 @@ class TestFourBar:
         assert np.allclose(ccpin.ReducedModel(mechanism).at([0.15]).g, there.g, rtol=1e-10)
 
 
+def gearbox(ratio=""):
+    """Two bodies geared from a base, about upright axes."""
+    more = f"<axis2><xyz>0 0 1</xyz></axis2>{ratio}<gearbox_reference_body>base</gearbox_reference_body>"
+    return joint("gear", "gearbox", "one", "two", axis="0 0 1", more=more)
+
+
 def single(kind, *, more="", axis="0 0 1", extra="", **body):
     """One body on the world by a joint at the origin."""
     return model(link("body", **body), joint("j", kind, "world", "body", axis=axis, extra=extra, more=more))
@@ -154,15 +160,7 @@ class TestJointTypes:
             link("two", "<pose>1 0 0 0 0 0</pose>", moments=(0.1, 0.1, 0.05)),
             joint("j1", "revolute", "base", "one", axis="0 0 1"),
             joint("j2", "revolute", "base", "two", axis="0 0 -1"),
-            joint(
-                "gear",
-                "gearbox",
-                "one",
-                "two",
-                axis="0 0 1",
-                more="<axis2><xyz>0 0 1</xyz></axis2><gearbox_ratio>3</gearbox_ratio>"
-                "<gearbox_reference_body>base</gearbox_reference_body>",
-            ),
+            gearbox("<gearbox_ratio>3</gearbox_ratio>"),
         )
         model_ = ccpin.ReducedModel(ccpin.load(read(text), independent=["j1"]))
         assert np.allclose(model_.at([0.2]).forward_dynamics([0.0], [1.0]), 1 / (0.4 + 9 * 0.05))
@@ -179,14 +177,7 @@ class TestJointTypes:
             joint("j1", "prismatic", "base", "one", axis="0 0 1"),
             link("two"),
             joint("j2", "revolute", "base", "two", axis="0 0 1"),
-            joint(
-                "gear",
-                "gearbox",
-                "one",
-                "two",
-                axis="0 0 1",
-                more="<axis2><xyz>0 0 1</xyz></axis2><gearbox_reference_body>base</gearbox_reference_body>",
-            ),
+            gearbox(),
         )
         with pytest.raises(DescriptionError, match=r"joint 'gear'.*cannot be expressed"):
             read(text)

@@ -357,10 +357,7 @@ WHOLE = LINKS + JOINTS + LOOP
 REFUSED = {
     "second root": (WHOLE + link("stray"), "link 'stray': a second root"),
     "own parent": (WHOLE + link("x") + joint("d", "x", "x"), "joint 'd': link 'x' is its own parent"),
-    "cycle": (
-        WHOLE + link("x") + link("y") + joint("d", "x", "y") + joint("e", "y", "x"),
-        "the joints form a cycle",
-    ),
+    "cycle": (WHOLE + link("x") + link("y") + joint("d", "x", "y") + joint("e", "y", "x"), "the joints form a cycle"),
     "zero axis": (WHOLE.replace("0 -1 0", "0 0 0", 1), "joint 'a': the axis is the zero vector"),
     "short axis": (WHOLE.replace("0 -1 0", "0 1", 1), "axis of joint 'a': xyz='0 1' has 2 numbers where 3"),
     "negative mass": (WHOLE.replace(link("rod"), link("rod", -1)), "link 'rod': mass -1 kg is negative"),
@@ -386,26 +383,6 @@ REFUSED = {
     "twin joints": (WHOLE + link("x") + joint("a", "rod", "x"), "joint 'a': the name is used 2 times"),
     "twin loops": (WHOLE + LOOP, "loop 'pin': the name is used 2 times"),
     "unknown parent": (WHOLE + link("x") + joint("d", "ghost", "x"), "joint 'd': parent link 'ghost' does not exist"),
-    "unknown loop link": (
-        WHOLE.replace('successor link="rocker"', 'successor link="ghost"'),
-        "loop 'pin': link 'ghost'",
-    ),
-    "loop to itself": (
-        WHOLE.replace('successor link="rocker"', 'successor link="rod"'),
-        "loop 'pin': joins link 'rod' to",
-    ),
-    "loop type": (
-        WHOLE.replace('name="pin" type="revolute"', 'name="pin" type="glue"'),
-        "loop 'pin': type 'glue' is not",
-    ),
-    "joint type": (
-        WHOLE.replace('name="a" type="revolute"', 'name="a" type="screw"'),
-        "joint 'a': type 'screw' is not",
-    ),
-    "loop without axis": (
-        WHOLE.replace('<axis xyz="0 -1 0"/></loop>', "</loop>"),
-        "loop 'pin': a revolute loop needs an",
-    ),
     "crossed limits": (WHOLE.replace('lower="-3"', 'lower="4"', 1), "joint 'a': lower limit 4 exceeds upper limit 3"),
     "negative rotor": (
         WHOLE
@@ -434,6 +411,16 @@ REFUSED = {
         "coupling 'g': couples no joint",
     ),
     "nothing": ("", "declares no link"),
+}
+REFUSED |= {
+    name: (WHOLE.replace(said, written), complaint)
+    for name, said, written, complaint in (
+        ("unknown loop link", 'successor link="rocker"', 'successor link="ghost"', "loop 'pin': link 'ghost'"),
+        ("loop to itself", 'successor link="rocker"', 'successor link="rod"', "loop 'pin': joins link 'rod' to"),
+        ("loop type", 'name="pin" type="revolute"', 'name="pin" type="glue"', "loop 'pin': type 'glue' is not"),
+        ("joint type", 'name="a" type="revolute"', 'name="a" type="screw"', "joint 'a': type 'screw' is not"),
+        ("loop without axis", '<axis xyz="0 -1 0"/></loop>', "</loop>", "loop 'pin': a revolute loop needs an"),
+    )
 }
 
 

@@ -96,7 +96,7 @@ def test_every_width_is_looked_at(rpdr, tube):
 def test_what_the_kernel_refuses_is_not_told(monkeypatch):
     """Then nothing of the path is certified."""
     assert certify_path(crank(), [[0.0], [0.1]]).verdict == "proven"
-    monkeypatch.setattr(module, "_proved", lambda walker: None)
+    monkeypatch.setattr(module.Walker, "proved", lambda walker: None)
     found = certify_path(crank(), [[0.0], [0.1]])
     assert (found.verdict, found.reached, found.times.tolist(), len(found.boxes.kappa)) == ("undecided", 0.0, [0.0], 0)
 

@@ -303,6 +303,99 @@ def test_parts_are_counted_a_few_at_a_time(monkeypatch):
     assert [part.theta[:, 0].tolist() for part in parts] == [middle if middle != [6.5] else [] for middle in middles]
 
 
+# What is proved
+
+
+def test_leaves_are_called_no_more_than_is_proved():
+    """All in boxes where that is a fact, empty where none is the number; others are undecided, and that is told."""
+    for complete, count, after, told in (
+        ((1, 1), (0, 0), (CERTIFIED, CERTIFIED, EMPTY, EMPTY), False),
+        ((1, 0), (0, 0), (CERTIFIED, UNDECIDED, EMPTY, EMPTY), True),
+        ((0, 0), (0, 0), (UNDECIDED, UNDECIDED, EMPTY, EMPTY), True),
+        ((1, 1), (2, 0), (CERTIFIED, CERTIFIED, UNDECIDED, EMPTY), True),
+        ((1, 1), (0, -1), (CERTIFIED, CERTIFIED, EMPTY, UNDECIDED), True),
+        ((0, 1), (1, 0), (UNDECIDED, CERTIFIED, UNDECIDED, EMPTY), True),
+    ):
+        tree = quarters(CERTIFIED, CERTIFIED, EMPTY, EMPTY)
+        found = {"complete": np.array([0, 0, 0, *complete, 0, 0], bool)}
+        proved = SimpleNamespace(cells=SimpleNamespace(found=found), count=np.array([-1, -1, -1, 2, 2, *count]))
+        assert sheet_claims.mark(tree, proved) is told
+        assert tree.status[3:].tolist() == list(after)
+    assert sheet_claims.mark(quarters(SINGULAR, UNDECIDED, SINGULAR, UNDECIDED), proved) is False
+
+
+def proved_of(tree, boxes, members, pairs, count, limits):
+    """Facts that say so of boxes over q (K, 1) in [0, 4]; of pairs (first, second, δ, δ′) in two facts."""
+    equations = SimpleNamespace(system=SimpleNamespace(independent=np.array([0])))
+    over = SimpleNamespace(lower=np.zeros(1), upper=np.full(1, 4.0), wrapped=np.zeros(1, bool), limits=limits)
+    counted = SimpleNamespace(premises=[SimpleNamespace(claim=over)])
+    claim = SimpleNamespace(cell=members[0], box=members[1], cut=tree.cut, child=tree.child)
+    cells = SimpleNamespace(claim=claim, premises=[counted], digest="these", found={"count": count})
+    solutions = SimpleNamespace(claim=SimpleNamespace(boxes=boxes, equations=equations))
+    parts = (pairs[:1], pairs[1:])
+    names = "first", "second", "at_first", "at_second"
+    glue = tuple(
+        SimpleNamespace(claim=SimpleNamespace(**dict(zip(names, np.array(part).T.reshape(4, -1), strict=True))))
+        for part in parts
+    )
+    for fact in glue:
+        for name in names[:2]:
+            setattr(fact.claim, name, getattr(fact.claim, name).astype(int))
+        for name in names[2:]:
+            setattr(fact.claim, name, getattr(fact.claim, name)[:, None])
+    return sheet_claims.ProvedSheets(cells, solutions, glue)
+
+
+def test_facts_speak_of_sheets_whose_numbers_are_theirs(monkeypatch):
+    """Of boxes, over which cells of which region they lie, which are glued, within which limits how many there are."""
+    told = {"these": SimpleNamespace(digest="these"), "others": SimpleNamespace(digest="others")}
+    monkeypatch.setattr(sheet_claims, "closures_of", lambda problem: told[problem.phasors])
+    limits = SimpleNamespace(limits=np.array([[-1.0, 1.0]]))
+    boxes, members = boxes_at([0.5, 1.5, 2.5], [0.5] * 3), (np.array([3, 4, 5]), np.array([0, 1, 2]))
+    count = np.array([-1, -1, -1, 1, 1, 1, 0])
+    tree = quarters(*4 * (CERTIFIED,))
+    proved = proved_of(tree, boxes, members, [(0, 1, 0.5, -0.5), (1, 2, 0.25, -0.125)], count, limits.limits)
+    assert [part.ravel().tolist() for part in proved.glued] == [[0, 1], [1, 2], [1.0, 1.75], [1.0, 2.375]]
+    pairs = [(0, 1, 1.0, 1.0), (1, 2, 1.75, 2.375)]
+    told_of = atlas_of(tree, boxes, np.array(members).T, pairs, count=count)
+    problem = told_of.problem._replace(phasors="these")
+    atlas = replace(told_of, ranges=limits, reading=READING(problem), proved=proved)
+    other = CellTree.whole(1)
+    other.split(np.array([0]), np.array([0]))
+    other.split(np.array([2, 1]), np.array([0, 0]))
+    for change in (
+        {"count": count * 2}, {"boxes": boxes._replace(radius=2.0 * boxes.radius)}, {"boxes": boxes.take(np.arange(2))},
+        {"members": Members(members[0][::-1], members[1])}, {"members": Members(members[0], members[1][::-1])},
+        {"glued": atlas.glued._replace(first=np.array([0, 0]))},
+        {"glued": atlas.glued._replace(second=np.array([1, 1]))},
+        {"region": replace(atlas.region, lower=np.full(1, -0.5))},
+        {"region": replace(atlas.region, upper=np.full(1, 4.5))},
+        {"region": replace(atlas.region, wrapped=np.ones(1, bool))}, {"tree": other},
+        {"ranges": SimpleNamespace(limits=np.array([[-1.0, 2.0]]))},
+        {"reading": READING(problem._replace(phasors="others"))},
+    ):  # fmt: skip
+        with pytest.raises(InvalidInputError, match="not those that were proved"):
+            replace(atlas, **change)
+        assert replace(atlas, proved=None, **change).proved is None
+    assert proved.says(atlas, count)
+
+
+def test_sheets_replayed_say_what_is_found(monkeypatch):
+    """Neither other numbers nor leaves that are called more."""
+    atlas = atlas_of(quarters(*4 * (CERTIFIED,)), NO_BOXES, count=[-1] * 7)
+    monkeypatch.setattr(SheetAtlas, "problem", SimpleNamespace(system=None))
+    monkeypatch.setattr(module, "Runner", lambda *_: None)
+    for says, marked in ((True, False), (False, False), (True, True), (False, True)):
+        proved = SimpleNamespace(says=lambda sheets, count, says=says: says, glued=atlas.glued)
+        monkeypatch.setattr(module, "proved_again", lambda *_, proved=proved: proved)
+        monkeypatch.setattr(module, "mark", lambda tree, proved, marked=marked: marked)
+        if says and not marked:
+            assert atlas.replayed().proved is proved
+        else:
+            with pytest.raises(InvalidInputError, match="altered"):
+                atlas.replayed()
+
+
 # Parts put together
 
 
@@ -333,7 +426,7 @@ def test_parts_of_other_things_are_refused():
     for changed, told in (
         (replace(other, names=("another",)), "other closures"),
         (replace(other, reading=other.reading.bounded("reach")), "other bounds="),
-        (replace(other, ranges=other.ranges._replace(limits=loose)), "other limits"),
+        (replace(other, ranges=other.ranges._replace(limits=loose), proved=None), "other limits"),
     ):
         with pytest.raises(InvalidInputError, match=told):
             merged.merge_sheets([first, changed])

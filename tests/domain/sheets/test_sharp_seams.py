@@ -33,16 +33,18 @@ class Curve:
         holding: Which boxes hold the singular configuration.
         end: Which of the others hold the last point.
         ends: What walking gives: the knot that was not reached.
+        proved: Whether the kernel makes a fact of the walk.
     """
 
-    def __init__(self, monkeypatch, times, start=True, holding=(0,), end=(), ends=None, starts=True):
+    def __init__(self, monkeypatch, times, start=True, holding=(0,), end=(), ends=None, starts=True, proved=True):
         self.times, self.walked, self.asked = times, [], []
 
         def walker(line, pieces, tube, theta):
             if not starts:
                 raise SingularConfigurationError("", q_free=theta, rcond=0.0)
             self.walked.append((line, float(pieces(0.0)[0]), float(pieces(1.0)[0]), pieces.x.tolist(), tube.tolist()))
-            return SimpleNamespace(times=times, boxes=Told(range(len(times) - 1)), walk=lambda stride: ends)
+            boxes = SimpleNamespace(premises=("boxes",)) if proved else None
+            return SimpleNamespace(times=times, proved=lambda: boxes, walk=lambda stride: ends)
 
         def lies_in(problem, join, line, box, side):
             self.asked.append((join.numbers[0], box.numbers[0], side))
@@ -52,6 +54,7 @@ class Curve:
             self.asked.append(("held", box.numbers[0], error))
             return box.numbers[0] in holding
 
+        monkeypatch.setattr(module, "boxes_of", lambda facts: Told(range(len(times) - 1)))
         monkeypatch.setattr(module, "Walker", walker)
         monkeypatch.setattr(module, "lies_in", lies_in)
         monkeypatch.setattr(module, "holds", held)
@@ -72,7 +75,7 @@ TIMES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # the fold is in the third box
         ({"end": "b"}, 1), ({"end": "bc"}, 1), ({"end": "a"}, 0), ({}, None),
         ({"end": "b", "start": False}, None), ({"end": "b", "ends": 1.0}, None), ({"end": "b", "holding": ()}, None),
         ({"end": "b", "holding": (0,)}, None), ({"end": "b", "holding": (4,)}, None),
-        ({"end": "b", "starts": False}, None),
+        ({"end": "b", "starts": False}, None), ({"end": "b", "proved": False}, None),
         ({"end": "b", "holding": (1,)}, 1), ({"end": "b", "holding": (3,)}, 1),
     ],
 )  # fmt: skip

@@ -26,9 +26,15 @@ def quarters(rpdr):
     return [certify_sheets(rpdr, part, max_depth=5) for part in split_region(TORUS, 4)]
 
 
-def test_four_quarters_are_the_torus(rpdr, quarters):
+@pytest.fixture(scope="module")
+def torus(quarters):
+    """The four as one."""
+    return merge(quarters)
+
+
+def test_four_quarters_are_the_torus(rpdr, quarters, torus):
     """Two sheets, glued across every seam and where the torus closes, with the closed form's number everywhere."""
-    whole, merged = certify_sheets(rpdr, TORUS, max_depth=6), merge(quarters)
+    whole, merged = certify_sheets(rpdr, TORUS, max_depth=6), torus
     assert np.all(merged.region.wrapped)
     assert merged.complete
     assert np.all(merged.verify())
@@ -48,9 +54,9 @@ def test_four_quarters_are_the_torus(rpdr, quarters):
         assert merged.fraction(status) == pytest.approx(share, abs=1e-12)
 
 
-def test_each_configuration_is_that_of_a_part(quarters):
+def test_each_configuration_is_that_of_a_part(quarters, torus):
     """Over points of any quarter: the same configurations, in boxes of the cell they lie over."""
-    merged, rng = merge(quarters), np.random.default_rng(1)
+    merged, rng = torus, np.random.default_rng(1)
     for part in quarters:
         q = rng.uniform(part.region.lower, part.region.upper, (40, 2))
         tried = 0

@@ -6,10 +6,10 @@ import pytest
 import ccpin
 from ccpin.arrays import apply
 from ccpin.domain.closures.system import reading_of
-from ccpin.domain.singular.curve_equations import drift, first_order, onto_curves, values_at
-from ccpin.domain.singular.following import follow
-from ccpin.domain.singular.settled_boxes import kernels, settled
-from ccpin.domain.singular.tubes import Points, bounds_of, certify_tubes, frames_at, glued, places_in, zeros_in
+from ccpin.domain.singular.following import follow, onto_curves
+from ccpin.proof.curves.curve_equations import drift, first_order, values_at
+from ccpin.proof.curves.settled_boxes import kernels, settled
+from ccpin.proof.curves.tubes import Points, bounds_of, certify_tubes, frames_at, glued, places_in, zeros_in
 from ccpin.proof.narrowing import Candidates
 from tests.support.legs import load_slice
 

@@ -9,9 +9,9 @@ import pytest
 from ccpin import domain
 from ccpin.covering.runner import Runner
 from ccpin.domain.closures.system import reading_of
-from ccpin.domain.singular import settled_boxes
-from ccpin.domain.singular.settled_boxes import Nearby, settled, settled_beside
+from ccpin.domain.singular import box_tasks
 from ccpin.errors import InvalidInputError
+from ccpin.proof.curves.settled_boxes import Nearby, settled, settled_beside
 from ccpin.proof.narrowing import Candidates
 
 REGION = np.array([[0.99, 1.0], [2.2, 2.15]])  # of the RPDR, with the isolated point and a piece of the fold
@@ -69,7 +69,7 @@ def test_an_executor_does_not_change_the_cover(rpdr, alone):
 
 def test_chunks_of_any_size_say_the_same(rpdr, alone, monkeypatch):
     """A box is narrowed and settled as it is, whatever boxes and tubes come with it."""
-    monkeypatch.setattr(settled_boxes, "_CHUNK", 61)
+    monkeypatch.setattr(box_tasks, "_CHUNK", 61)
     assert same(alone, domain.certify_singularities(rpdr, REGION))
 
 
@@ -82,7 +82,7 @@ def test_a_chunk_has_the_tubes_it_needs(rpdr, alone):
     half = rng.choice([1e-3, 1e-2, 0.3], 300)[:, None] * np.ones(4)
     boxes = Candidates(np.zeros(300, dtype=np.intp), centre, half, np.zeros((300, 2, 2)))
     nearby = Nearby(problem, curve.tubes)
-    left = settled_boxes.settle_boxes(Runner(problem, None, None, Flag()), nearby, boxes)
+    left = box_tasks.settle_boxes(Runner(problem, None, None, Flag()), nearby, boxes)
     nearest = nearby.of(centre, 3)
     expected = ~settled_beside(problem, boxes, curve.tubes, nearest)
     assert 20 < expected.sum() < 280

@@ -6,9 +6,10 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.domain.closures.system import reading_of
-from ccpin.domain.singular.cusp_points import _CuspEquations, proved_cusps
+from ccpin.domain.singular.cusp_points import proved_cusps
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.proof.equations import derivatives
+from ccpin.proof.equations import closures_of, derivatives
+from ccpin.proof.prolongations import Prolongation
 from ccpin.proof.tips import third_along
 from tests.oracles import planar_3rpr as oracle
 from tests.support.legs import load_slice
@@ -77,18 +78,23 @@ def test_the_slope_and_its_drift():
     m, n = at.system.m, at.system.n
     for _ in range(20):
         pairing = rng.normal(size=(1, m))
-        equations = _CuspEquations(at, pairing / np.linalg.norm(pairing))
+        pairing /= np.linalg.norm(pairing)
+        equations = Prolongation(closures_of(at), np.zeros((1, n)), np.eye(n)[None], pairing)
+
+        def point(x, equations=equations):
+            return equations.at(x, lambda theta: derivatives(at, theta))
+
         x = np.concatenate([rng.uniform(0.1, 0.3, (1, n)), rng.normal(size=(1, 3 * m))], axis=1)
-        slope = equations.slope(equations.at(x))[0]
+        slope = equations.slope(point(x))[0]
         for k in range(x.shape[1]):
             step = 1e-6 * np.eye(1, x.shape[1], k)
-            column = (equations.value(equations.at(x + step)) - equations.value(equations.at(x - step)))[0] / 2e-6
+            column = (equations.value(point(x + step)) - equations.value(point(x - step)))[0] / 2e-6
             assert np.abs(slope[:, k] - column).max() < 1e-7
         radius = 10.0 ** rng.uniform(-6, -2)
-        drift = equations.drift(equations.at(x), np.array([radius]))[0]
+        drift = equations.drift(point(x), np.array([radius]))[0]
         for _ in range(50):
             moved = x + radius * rng.choice([-1.0, 1.0], x.shape)
-            assert np.all(np.abs(equations.slope(equations.at(moved))[0] - slope) <= drift + 1e-12)
+            assert np.all(np.abs(equations.slope(point(moved))[0] - slope) <= drift + 1e-12)
 
 
 def test_a_fold_is_no_cusp(rpdr):

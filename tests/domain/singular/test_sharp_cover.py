@@ -21,30 +21,6 @@ def boxes_of(centre, half):
     return Candidates(np.arange(len(centre)), centre, half, np.zeros((len(centre), 2, 2)))
 
 
-def halves_of(monkeypatch, boxes, jacobian, hessian, rows=(0, 1)):
-    """`_halved` where φ moves as told."""
-    values = SimpleNamespace(jacobian=jacobian, hessian=hessian)
-    monkeypatch.setattr(module, "closure_derivatives", lambda problem, theta: values)
-    monkeypatch.setattr(module, "rows_to_halve_for", lambda problem: np.array(rows))
-    return CurveSearch._halved(SimpleNamespace(problem=made_up()), boxes)
-
-
-def test_boxes_are_halved_where_the_rows_move_most(monkeypatch):
-    """φ by |φ_θ|h, φ_y by the sum of its columns, of the rows that are asked of only."""
-    boxes = boxes_of(np.zeros((3, SIZE)), np.tile([1.0, 1.0, 1.0, 4.0], (3, 1)))
-    jacobian, hessian = np.zeros((3, 2, SIZE)), np.zeros((3, 2, SIZE, SIZE))
-    jacobian[:, 1] = [0.1, 100.0, 0.0, 0.0]
-    jacobian[:, 0] = [[0.1, 0.0, 5.0, 1.0], [0.6, 0.0, 6.5, 0.0], [1.0, 0.0, 0.0, 0.9]]
-    hessian[1, 0, [0, 2], 0], hessian[1, 0, 1, 2] = [3.0, -3.0], 100.0
-    found = halves_of(monkeypatch, boxes, jacobian, hessian, rows=(0,))
-    for number, (cut, step) in enumerate([(2, 0.5), (0, 0.5), (3, 2.0)]):
-        moved = np.where(np.arange(SIZE) == cut, step, 0.0)
-        np.testing.assert_array_equal(found.centre[[number, number + 3]], [-moved, moved])
-    jacobian[:, 1, 1] = 0.0
-    found = halves_of(monkeypatch, boxes, jacobian, hessian)
-    assert found.centre[0, 2] == -0.5
-
-
 class Told:
     """A search whose steps are told: boxes by number are settled, small or halved."""
 

@@ -13,10 +13,12 @@ from ccpin.domain.singular import curve as curve_module
 from ccpin.domain.singular import curves as module
 from ccpin.domain.singular.cover import Found
 from ccpin.domain.singular.curve import as_curve, holds
-from ccpin.domain.singular.curves import SingularCover, UncoveredBoxes, _uncovered, _waiting
+from ccpin.domain.singular.curve_claims import ProvedCurves, SearchEffort
+from ccpin.domain.singular.curves import SingularCover, UncoveredBoxes, _uncovered, _waiting, concluded
 from ccpin.domain.singular.following import TubeChain
-from ccpin.domain.singular.tubes import Points
 from ccpin.errors import InvalidInputError
+from ccpin.proof.curves import tube_claims
+from ccpin.proof.curves.tubes import Points
 from ccpin.proof.narrowing import Candidates
 from tests.support.straight_curves import PROBLEM, straighten, tubes
 
@@ -236,6 +238,7 @@ def test_more_work_is_added_to_what_was_done(monkeypatch):
 
     monkeypatch.setattr(module, "CurveSearch", Search)
     monkeypatch.setattr(module, "Runner", lambda *_: None)
+    monkeypatch.setattr(module, "concluded", lambda proposed, problem: proposed)
     monkeypatch.setattr(module, "extents", lambda problem, boxes: boxes.half)
 
     class Fake(SimpleNamespace):
@@ -258,6 +261,80 @@ def test_more_work_is_added_to_what_was_done(monkeypatch):
     np.testing.assert_array_equal(seen["waiting"].centre, [[0.5, 0.5]])
 
 
+REGION = SimpleNamespace(lower=np.zeros(2), upper=np.ones(2))
+RANGES = SimpleNamespace(limits=np.ones((1, 2)))
+LEFT = UncoveredBoxes(np.zeros((1, 2)), np.ones((1, 2)))
+
+
+def with_fact(monkeypatch, digest="ours", left=0, asked=True):
+    """A list with a fact that says it is all there is, or not quite."""
+    made = replace(cover(line(0.0, 0.25), line(1.0)), region=REGION, ranges=RANGES)
+
+    def covers(fact, region, limits, tubes):
+        assert region == (REGION.lower, REGION.upper)
+        assert limits is RANGES.limits
+        np.testing.assert_array_equal(tubes.theta[:, 0], [0.0, 0.25, 1.0])
+        return asked
+
+    monkeypatch.setattr(module, "closures_of", lambda problem: SimpleNamespace(digest="ours"))
+    monkeypatch.setattr(module, "covers", covers)
+    monkeypatch.setattr(module, "Fact", SimpleNamespace)
+    monkeypatch.setattr(module, "no_tubes", lambda problem: line(0.0).tubes.take(slice(0)))
+    fact = SimpleNamespace(digest=digest, found={"lower": np.zeros((left, 2))})
+    return replace(made, proved=ProvedCurves(None, None, fact))
+
+
+def test_a_verdict_is_that_of_the_fact(monkeypatch):
+    """About the same closures, region, limits and curves, and without boxes; whatever else the list says."""
+    assert with_fact(monkeypatch).verdict == "proven"
+    for other in ({"digest": "theirs"}, {"left": 1}, {"asked": False}):
+        made = with_fact(monkeypatch, **other)
+        assert (made.verdict, replace(made, source="file").verdict) == ("undecided", "undecided")
+    proven = replace(with_fact(monkeypatch), source="file")
+    assert "file" not in proven.reason
+    assert "file" in replace(proven, proved=None).reason
+    assert "file" in replace(proven, uncovered=LEFT, proved=None, limit="budget").reason
+
+
+def test_without_a_fact_it_is_a_files_word():
+    """Of work that came to its end and left nothing."""
+    told = replace(cover(line(0.0)), source="file")
+    for proved in (None, ProvedCurves(None, None, None)):
+        assert replace(told, proved=proved).verdict == "proven"
+        for other in ({"source": None}, {"limit": "budget"}, {"limit": "interrupted"}, {"uncovered": LEFT}):
+            assert replace(told, proved=proved, **other).verdict == "undecided"
+
+
+@pytest.mark.parametrize(
+    ("early", "tried", "limit"),
+    [(False, 9, None), (False, 99, None), (True, 10, "interrupted"), (True, 11, "budget"), (True, 5, "interrupted")],
+)
+def test_what_is_proposed_is_proved(monkeypatch, early, tried, limit):
+    """Curves are those that are, boxes those that are found, and what ended it is told."""
+    asked, chain = [], line(0.5)
+    found = {
+        "lower": np.zeros((3, 2)),
+        "upper": np.ones((3, 2)),
+        "early": np.array([early]),
+        "tried": np.array([tried]),
+    }
+    fact = SimpleNamespace(found=found, claim=SimpleNamespace(most=np.array([10])))
+    monkeypatch.setattr(module, "proved_chains", lambda problem, chains: (ProvedCurves("tubes", "glue", None), [chain]))
+    monkeypatch.setattr(module, "proved_cover", lambda *given: asked.append(given) or fact)
+    proposed = replace(cover(line(0.0, 0.25), line(1.0), left=LEFT), tried=7, region=REGION, ranges=RANGES)
+    made = concluded(proposed, "other bounds")
+    assert asked[0] == ("other bounds", REGION, RANGES, SearchEffort(1e-3, 7, True), "tubes")
+    assert (made.limit, made.tried, made.proved) == (limit, 7, ProvedCurves("tubes", "glue", fact))
+    assert [curve.tubes.theta[0, 0] for curve in made.curves] == [0.5]
+    assert made.uncovered.lower is found["lower"]
+    assert made.uncovered.upper is found["upper"]
+    concluded(replace(proposed, limit="budget"))
+    assert asked[1] == (PROBLEM, REGION, RANGES, SearchEffort(1e-3, 7, False), "tubes")
+    for other in (concluded(replace(proposed, limit="interrupted")), concluded(proposed, believed=True)):
+        assert (len(asked), other.uncovered, other.proved) == (2, LEFT, ProvedCurves("tubes", "glue", None))
+        assert len(other.curves) == 1
+
+
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
     """A real list in a file, and itself."""
@@ -272,14 +349,14 @@ def test_a_file_with_a_tube_that_is_not_proved_is_refused(saved, monkeypatch):
     made, path = saved
     loaded = SingularCover.load(path)
     assert [len(curve.radius) for curve in loaded.curves] == [len(curve.radius) for curve in made.curves]
-    real = module.proved_again
+    real = tube_claims.proved_again
 
     def all_but_one(problem, given):
         found = real(problem, given)
         return found._replace(proved=np.arange(len(found.proved)) != 1)
 
     with monkeypatch.context() as other:
-        other.setattr(module, "proved_again", all_but_one)
+        other.setattr(tube_claims, "proved_again", all_but_one)
         with pytest.raises(InvalidInputError, match="tube 1 is not proved"):
             SingularCover.load(path)
     short = made.curves[0]._replace(radius=made.curves[0].radius[:-1])

@@ -5,7 +5,7 @@ import pytest
 
 from ccpin.domain.singular import following as module
 from ccpin.domain.singular.following import TubeChain, follow, prolonged
-from ccpin.domain.singular.tubes import glued
+from ccpin.proof.curves.tubes import glued
 from tests.support.straight_curves import PROBLEM, is_chain, straighten, tubes
 
 HALF = 0.4

@@ -7,7 +7,7 @@ from ccpin.arrays import joined
 from ccpin.domain.singular import joining as module
 from ccpin.domain.singular.following import TubeChain
 from ccpin.domain.singular.joining import _around, _Piece, _Pool, held, one_of_each, without_held
-from ccpin.domain.singular.tubes import Points, TubeBounds
+from ccpin.proof.curves.tubes import Points, TubeBounds
 from tests.support.straight_curves import PROBLEM, is_chain, straighten, tubes, values
 
 SLACK = 1.0 + 1e-10

@@ -8,7 +8,7 @@ import pytest
 from ccpin.covering.cells import CellStatus
 from ccpin.domain.singular import marking as module
 from ccpin.domain.singular import sampled
-from ccpin.domain.singular.folds import SingularPoints
+from ccpin.domain.singular.folds import SearchedLines
 from ccpin.domain.singular.sampled import SingularCurve
 
 INDEPENDENT = np.array([1, 3])
@@ -25,7 +25,8 @@ class InPlace:
 def points(theta, error, proved):
     theta = np.asarray(theta, dtype=float)
     none = np.zeros(len(theta))
-    return SingularPoints(theta, none, none[:, None], np.asarray(error, dtype=float), np.asarray(proved, dtype=bool))
+    proved = np.asarray(proved, dtype=bool)
+    return SearchedLines(theta, none, none[:, None], np.asarray(error, dtype=float), proved, None)
 
 
 def marked(monkeypatch, found, leaves, status, stretch):
@@ -72,7 +73,7 @@ def stretched(monkeypatch, mark):
     folds = SimpleNamespace(
         directions=lambda: [directions],
         bending=lambda problem, start: None,
-        along=lambda bending, d: SingularPoints(*(np.zeros(2) for _ in SingularPoints._fields)),
+        along=lambda bending, d: SearchedLines(*(np.zeros(2) for _ in SearchedLines._fields)),
     )
     monkeypatch.setattr(module.Folds, "near", staticmethod(lambda problem, theta: folds))
     monkeypatch.setattr(module, "singular_points", lambda *_: "found")

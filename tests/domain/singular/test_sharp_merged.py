@@ -113,8 +113,9 @@ def cover():
     return certify_singularities(ccpin.load("rpdr"), np.radians(((118.0, 52.0), (121.0, 55.0))))
 
 
-def test_a_cover_of_parts_says_what_all_of_them_do(cover):
-    """Boxes tried and left, the reason to end that hides most, the coarsest resolution."""
+def test_a_cover_of_parts_says_what_all_of_them_do(cover, monkeypatch):
+    """Boxes tried and left, the reason to end that hides most, the coarsest resolution: that is proposed."""
+    monkeypatch.setattr(module, "concluded", lambda proposed, believed: proposed)
     left = cover.uncovered._replace(lower=np.zeros((1, 4)), upper=np.ones((1, 4)))
     one, other = replace(cover, tried=3, resolution=1e-3), replace(cover, tried=4, uncovered=left, resolution=1e-2)
     both = merge_covers([one, other])
@@ -127,6 +128,26 @@ def test_a_cover_of_parts_says_what_all_of_them_do(cover):
         (("interrupted", None), "interrupted"),
     ):
         assert merge_covers([replace(cover, limit=limit) for limit in limits]).limit == told
+
+
+def test_a_whole_is_what_the_kernel_says_of_it(cover):
+    """Boxes that a part lists and that hold nothing are listed no more; but if a part was interrupted they are."""
+    left = cover.uncovered._replace(lower=np.zeros((1, 4)), upper=np.ones((1, 4)))
+    both = merge_covers([cover, replace(cover, uncovered=left, limit="budget")])
+    assert (both.verdict, len(both.uncovered.lower), both.limit) == ("proven", 0, None)
+    early = merge_covers([cover, replace(cover, uncovered=left, limit="interrupted")])
+    assert (early.verdict, len(early.uncovered.lower), early.proved.covered) == ("undecided", 1, None)
+
+
+def test_what_one_part_is_not_proved_of_is_believed(cover, monkeypatch):
+    """Without facts, or without the one about the region: of the first part, or of another."""
+    monkeypatch.setattr(module, "concluded", lambda proposed, believed: believed)
+    assert not merge_covers([cover, cover])
+    for proved in (None, cover.proved._replace(covered=None)):
+        other = replace(cover, proved=proved)
+        assert merge_covers([cover, other])
+        assert merge_covers([other, cover])
+        assert merge_covers([other])
 
 
 def test_parts_of_other_things_are_refused(cover):

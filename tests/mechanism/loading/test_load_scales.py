@@ -58,8 +58,8 @@ def test_every_four_bar_is_at_its_closed_form(family):
 def test_no_scratch_memory_of_the_whole_tree(family, monkeypatch):
     """Pinocchio's Data of 400 joints takes 3.5 GB; a load asks for that of single clusters only."""
     sizes = []
-    take = Scratch.take
-    monkeypatch.setattr(Scratch, "take", lambda self: sizes.append(self.model.nv) or take(self))
+    lent = Scratch.lent
+    monkeypatch.setattr(Scratch, "lent", lambda self: sizes.append(self.model.nv) or lent(self))
     assert ccpin.load(family(134)).n_free == 402
     assert max(sizes) == 3
 

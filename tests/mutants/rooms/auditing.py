@@ -9,7 +9,7 @@ ROOMS: tuple[Room, ...] = (
     Room("auditing/reading", ("widened", "WIDEN"), _LOOKS),
     Room(
         "auditing/boxes",
-        ("_ROOM", "box_proved", "_misses", "holds", "_one_in_tube"),
+        ("_ROOM", "box_proved", "unproved", "_misses", "holds", "_one_in_tube"),
         ("auditing/test_sharp_cover_of_boxes.py",),
         (("if not np.all(part > 0)", "0 let in", "room is a rounding below what is left, and so not 0"),),
     ),
@@ -30,7 +30,6 @@ ROOMS: tuple[Room, ...] = (
         ),
         ("auditing/test_sharp_cover_of_boxes.py",),
         (
-            ("cells += [(low, below, left - 1)", "without 1", "how often cells are cut"),
             ("if demands is None or found", "not asked: demands is None", "asked before"),
             ("max(b - x, x - a)", "min instead of max", "radii of balls are rounded up by more than a middle"),
             ("if not (u < 1 and v < 1)", "", "the root of a negative number is none, and bounds nothing"),
@@ -47,7 +46,7 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "auditing/boxes",
-        ("_embedded", "look", "contracts", "_half_width", "_sum", "_scaled", "_least", "defect"),
+        ("moves_of", "embedded", "look", "contracts", "_half_width", "_sum", "_scaled", "_least", "defect"),
         (*_LOOKS, "proof/test_sharp_every.py", "auditing/test_sharp_every_row.py"),
         (
             ("np.isfinite(rough)", "any instead of all", "no weight is positive where an entry is infinite"),
@@ -122,7 +121,7 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "auditing/reading",
         (
-            "Curves.free",
+            "free_angles",
             "_closures",
             "_of_cells",
             "_demands",
@@ -203,13 +202,14 @@ ROOMS: tuple[Room, ...] = (
             "Exclusion.__init__",
             "Exclusion.proved",
             "Exclusion._left_of",
+            "Exclusion._regular",
             "Exclusion._turns_over",
             "_ROW",
             "Exclusion._closing",
             "Exclusion._beside_curves",
             "Exclusion.beside",
             "Exclusion._is_listed",
-            "Exclusion._off",
+            "Exclusion._gaps",
             "searched",
             "parts",
             "listed_share",
@@ -339,7 +339,6 @@ ROOMS: tuple[Room, ...] = (
             "_WIDER",
             "_NONE",
             "unproved",
-            "_free",
             "_CoordinateIntervals.__init__",
             "_CoordinateIntervals._by_couplings",
             "_CoordinateIntervals._by_lengths",

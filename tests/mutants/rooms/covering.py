@@ -115,5 +115,7 @@ EXCUSED: tuple[Excused, ...] = (
         "how long others are waited for: what they do not give is computed here",
     ),
     Excused("covering/documents", (), "which arrays a file is to hold; what is missing raises when it is read"),
-    Excused("covering/claims", (), "`proof.facts.prove_some` checks the boxes, points and seams that it hands over"),
+    Excused(
+        "covering/claims", (), "`proof.facts.prove_some` checks the boxes, points, seams and zeros that it hands over"
+    ),
 )

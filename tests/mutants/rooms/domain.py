@@ -8,7 +8,7 @@ _GRAVITY = "control/stability/set_point/test_gravity_bounds.py"
 _SPACES = ("domain/workspaces/test_sharp_workspaces.py",)
 _READING = ("domain/closures/test_sharp_reading.py",)
 _SEARCHED = ("domain/closures/test_sharp_searchable.py",)
-_CURVE = "how far a curve goes, and by which steps: what it meets is asked of its boxes"
+_CURVE = "which lines and curves are tried: `proof.facts.prove` checks what they meet"
 _LINES = "which lines are tried, and how far: what is found on one is proved of itself"
 _MOTION = "control/stability/tracking/test_motion_bounds.py"
 ROOMS: tuple[Room, ...] = (
@@ -132,21 +132,12 @@ ROOMS: tuple[Room, ...] = (
     Room("domain/closures/seeds", ("checked_configuration", "seed_at_coordinates"), _SEARCHED),
     Room(
         "domain/paths/refutation",
-        (
-            "singular_witness",
-            "_join",
-            "_on_branch",
-            "holds",
-            "lies_in",
-            "_range_along",
-            "line_problem",
-        ),
+        ("singular_witness",),
         ("domain/paths/test_sharp_refutation.py",),
         (
-            ("moved = extrapolate(", "", _CURVE),
-            ("if walker.walk(abs(moved", "without start", _CURVE),
-            ("k = int(np.clip(", "without 2", "a curve that is walked goes beyond the fold"),
-            ("wide = box._replace(", "", "`check` asks Theorem N of the wider tube"),
+            ("directions = directions[np.any(", "", _CURVE),
+            ("if join is None or not len(", "not asked: not len", "nothing is found on no lines"),
+            ("inside = found.proved", "", _CURVE),
         ),
     ),
     Room(
@@ -195,6 +186,7 @@ ROOMS: tuple[Room, ...] = (
         ("domain/paths/test_sharp_walker.py",),
         (("ends = ends[ends > here]", "left × 2", "strides lead ahead, or nowhere"),),
     ),
+    Room("domain/paths/walker", ("Walker.point_here", "Walker.leads_to"), ("domain/paths/test_sharp_refutation.py",)),
     Room(
         "proof/chords",
         ("chords_of", "_bernstein", "_to_bernstein"),
@@ -270,7 +262,7 @@ EXCUSED: tuple[Excused, ...] = (
     Excused(
         "domain/paths/path", ("_AHEAD",), "how far ahead is looked: `_targets` asks of each that it lies in the tube"
     ),
-    Excused("domain/paths/path", ("_proved",), "what is claimed of a walk: `proof.facts.prove` checks it"),
+    Excused("domain/paths/walker", ("Walker.proved",), "what is claimed of a walk: `proof.facts.prove` checks it"),
     Excused("domain/paths/path", ("_reason",), "words"),
     Excused("domain/paths/obstacles", ("_singular",), _LINES),
     Excused(
@@ -280,7 +272,7 @@ EXCUSED: tuple[Excused, ...] = (
     ),
     Excused(
         "domain/paths/refutation",
-        ("_JOINS", "_BEYOND", "_ROOM"),
-        "which boxes and curves are tried: `_on_branch` and `holds` ask what is proved of them",
+        ("_JOINS", "_BEYOND", "_join", "_on_branch", "line_problem"),
+        "which boxes and curves are tried: `proof.facts.prove` checks them",
     ),
 )

@@ -4,51 +4,80 @@ from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
-_TESTS = ("domain/singular/test_sharp_systems.py",)
+_TOLD = ("domain/singular/test_sharp_cusps.py",)
+_BEGUN = "where Newton begins, and with which l: the theorems are about any, and `proof.facts.prove_some` asks them"
 ROOMS: tuple[Room, ...] = (
     Room(
-        "domain/singular/curve_equations",
+        "proof/curves/curve_equations",
         ("values_at", "rounding_at", "first_order", "Drift.along", "drift"),
-        _TESTS,
+        ("domain/singular/test_sharp_systems.py",),
     ),
     Room(
-        "domain/singular/folds",
-        ("_System.at", "_System.value", "_System.slope", "_System.drift", "_proved_within"),
-        _TESTS,
+        "proof/prolongations",
+        (
+            "Prolongation.order",
+            "Prolongation.unknowns",
+            "Prolongation.theta",
+            "Prolongation.at",
+            "Prolongation.value",
+            "Prolongation.slope",
+            "Prolongation.drift",
+            "Prolongation.rounding",
+            "Prolongation.proved_within",
+            "Prolongation._along",
+            "Prolongation._assembled",
+        ),
+        ("proof/test_sharp_prolongations.py",),
     ),
+    Room(
+        "proof/prolongations",
+        ("proved_within",),
+        ("proof/test_sharp_extended.py",),
+        (
+            ("(kappa * SLACK < 1.0)", "not asked: kappa * SLACK < 1.0", "follows from the first"),
+            ("(kappa * SLACK < 1.0)", "kappa * SLACK < 1.0: left", "follows from the first"),
+            ("(kappa * SLACK < 1.0)", "1 × 1.1", "follows from the first"),
+            ("(kappa * SLACK < 1.0)", "1 × 2", "follows from the first"),
+        ),
+    ),
+    Room("proof/zeros", ("_UNIT", "_Zeros.examined"), ("proof/test_sharp_zeros.py",)),
+    Room(
+        "proof/lines",
+        (
+            "line_system",
+            "SingularOnSegment.subjects",
+            "SingularOnSegment._line",
+            "SingularOnSegment.examined",
+            "holds",
+            "lies_in",
+            "_range_along",
+        ),
+        ("proof/test_sharp_lines.py",),
+        (
+            ("delta = np.min(room", "1e-300 ×", "where the line does not move there is room enough"),
+            ("wide = box._replace(", "", "`check` asks Theorem N of the wider tube"),
+        ),
+    ),
+    Room("domain/singular/folds", ("singular_points",), _TOLD, (("y + ahead.aside", "", _BEGUN),)),
     Room(
         "domain/singular/cusp_points",
-        (
-            "_SAME",
-            "_CuspEquations.at",
-            "_CuspEquations.value",
-            "_CuspEquations.slope",
-            "_CuspEquations._assembled",
-            "_CuspEquations.drift",
-            "_CuspEquations.rounding",
-            "_CuspEquations._whole",
-            "_proved_within",
-            "distinct",
-            "_same",
-        ),
-        _TESTS,
+        ("_SAME", "proved_cusps", "distinct", "_same"),
+        _TOLD,
     ),
 )
 
 EXCUSED: tuple[Excused, ...] = (
-    Excused(
-        "domain/singular/curve_equations",
-        ("_SETTLED", "_FAR", "onto_curves"),
-        "where tubes are tried: `certify_tubes` proves them",
-    ),
+    Excused("proof/lines", ("_ROOM",), "which wider tubes are tried: `check` asks Theorem N of them"),
+    Excused("proof/prolongations", ("_RADII",), "which radii are tried: `proved_within` checks each"),
     Excused(
         "domain/singular/folds",
-        ("singular_points", "Folds.near", "Folds.directions", "Folds.along"),
-        "where Newton begins, and with which l: Theorem S is about any, and `_proved_within` asks it",
+        ("Folds.near", "Folds.directions", "Folds.along"),
+        _BEGUN,
     ),
     Excused(
         "domain/singular/cusp_points",
         ("_turning", "cusps"),
-        "where cusps are looked for, and which are wanted: `_proved_within` proves those found; others are not denied",
+        "where cusps are looked for, and which are wanted: `proof.facts.prove_some` finds those proved; others are "
+        "not denied",
     ),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _EVERY = "proof/test_sharp_every.py"
+_ROOT = "no part is the region: its cell would have two parents"
 _CHAINS = ("proof/test_sharp_chains.py",)
 _BOUNDS = ("proof/test_sharp_bounds.py", _EVERY)
 ROOMS: tuple[Room, ...] = (
@@ -33,6 +34,7 @@ ROOMS: tuple[Room, ...] = (
             "_exact",
             "_placed",
             "_agree",
+            "_ball",
             "_inside",
         ),
         ("proof/test_sharp_solutions.py",),
@@ -55,7 +57,7 @@ ROOMS: tuple[Room, ...] = (
         ),
         ("proof/test_sharp_regions.py",),
         (
-            ("tree.reached & (self.child < 0)", "0 let in", "no part is the region: its cell would have two parents"),
+            ("tree.reached & (self.child < 0)", "0 let in", _ROOT),
             (
                 'not len(found["unglued"]) and len(found["seed"])',
                 "not asked: len(found['seed'])",
@@ -73,13 +75,56 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "proof/candidates",
-        ("BEYOND", "over_all", "narrowed_both", "beyond", "_extent", "halved", "handed_down"),
+        ("BEYOND", "over_all", "narrowed_both", "beyond", "_extent", "halved"),
         ("proof/test_sharp_waiting.py",),
+    ),
+    Room(
+        "proof/exhausted",
+        ("Excluded.examined", "handed_down", "over_cells", "_asked"),
+        ("proof/test_sharp_exhausted.py",),
+        (
+            ("leaves = self.child[waiting.cell] < 0", "0 let in", _ROOT),
+            ("empty = tree.reached & (self.child < 0)", "0 let in", _ROOT),
+            ("np.flatnonzero(reached & (child >= 0))", "0 left out", _ROOT),
+            ("np.flatnonzero(reached & (child < 0) & ~kept)", "0 let in", _ROOT),
+            ("cells = above[(above >= 0)", "not asked: ~asked", "cells above are gone through once more"),
+        ),
+    ),
+    Room(
+        "proof/solution_counts",
+        (
+            "_INNER",
+            "_ROOM",
+            "CountedCells.examined",
+            "CountedCells._require_over",
+            "CompleteCells.examined",
+            "CompleteCells._counts",
+            "CompleteCells._alike",
+            "well_inside",
+            "_parts",
+            "own_solutions",
+            "alone_over",
+            "within",
+            "same",
+            "different",
+            "_gap",
+        ),
+        ("proof/test_sharp_counts.py",),
+        (
+            ("near = np.all(", "", "which boxes are tried for a candidate: `alone_in` proves what is said of them"),
+            ("gap = np.abs(waiting.centre", "", "as for `near`"),
+            ("rows = np.flatnonzero(near & ~done)", "not asked: near", "as for `near`"),
+            ("self.child[self.cell] < 0", "0 let in", _ROOT),
+            ("inner = np.flatnonzero(child >= 0)", "0 left out", _ROOT),
+            ("cells = np.flatnonzero((child < 0)", "0 let in", _ROOT),
+            ("cells = np.flatnonzero((child < 0)", "0 left out", _ROOT),
+            ("cells = cells[self.child[cells] >= 0]", "0 left out", _ROOT),
+        ),
     ),
     Room("proof/covers", ("one_function",), ("proof/test_sharp_covers.py",)),
     Room(
         "proof/cell_tree",
-        ("_NEARLY", "CellRegion.position", "require_region", "lie_within"),
+        ("_NEARLY", "CellRegion.position", "require_region", "CellsClaim.cells", "lie_within"),
         ("proof/test_sharp_regions.py",),
     ),
     Room(
@@ -312,17 +357,6 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room("proof/equations", ("third_bound",), _BOUNDS),
     Room(
-        "proof/newton",
-        ("proved_within",),
-        ("proof/test_sharp_extended.py", _EVERY),
-        (
-            ("(kappa * SLACK < 1.0)", "not asked: kappa * SLACK < 1.0", "follows from the first"),
-            ("(kappa * SLACK < 1.0)", "kappa * SLACK < 1.0: left", "follows from the first"),
-            ("(kappa * SLACK < 1.0)", "1 × 1.1", "follows from the first"),
-            ("(kappa * SLACK < 1.0)", "1 × 2", "follows from the first"),
-        ),
-    ),
-    Room(
         "proof/narrowing",
         ("alone_in",),
         ("proof/test_sharp_narrowing.py", _EVERY),
@@ -343,9 +377,9 @@ ROOMS: tuple[Room, ...] = (
         ("tree_of", "LeafFaces.turns", "faces_of", "_parted"),
         ("proof/test_sharp_covers.py",),
         (
-            ("ended = (child[pairs.upper] < 0)", "0 let in", "no part is the region: its cell would have two parents"),
-            ("tree.reached & (child >= 0)", "0 left out", "no part is the region: its cell would have two parents"),
-            ("first = child[pairs.upper] >= 0", "0 left out", "no part is the region: its cell would have two parents"),
+            ("ended = (child[pairs.upper] < 0)", "0 let in", _ROOT),
+            ("tree.reached & (child >= 0)", "0 left out", _ROOT),
+            ("first = child[pairs.upper] >= 0", "0 left out", _ROOT),
         ),
     ),
     Room(
@@ -369,6 +403,7 @@ ROOMS: tuple[Room, ...] = (
             "Ranges.at_limit",
             "ranges_of",
             "ranges_over",
+            "proved_ranges",
             "_Intervals.__init__",
             "_Intervals._by_couplings",
             "_Intervals._by_lengths",
@@ -380,7 +415,7 @@ ROOMS: tuple[Room, ...] = (
             "_Sight.longest",
             "_is_identity",
         ),
-        ("proof/test_lemma_r.py",),
+        ("proof/test_lemma_r.py", "proof/test_sharp_exhausted.py"),
         (
             ("_ORTHONORMAL", "1e-09 × ", "what is so far from I changes lengths by less than ranges are widened"),
             ("<= _ORTHONORMAL", "left × 0.5", "as for the number"),
@@ -404,7 +439,11 @@ EXCUSED: tuple[Excused, ...] = (
     Excused(
         "proof/ranges", ("_ROUNDS", "_GAIN", "_Intervals.narrow"), "when narrowing ends: each step of it is proved"
     ),
-    Excused("proof/newton", ("_RADII",), "which radii are tried: `proved_within` checks each"),
+    Excused(
+        "proof/solution_counts",
+        ("_NEAR",),
+        "which boxes are tried for a candidate: `alone_in` proves what is said of them",
+    ),
     Excused("proof/bounds", ("Rows",), "a type"),
     Excused("proof/emptiness", ("_LEAST_VALUE",), "any positive S makes a true bound"),
     Excused("proof/narrowing", ("_WIDER", "_SMALLER"), "which of two boxes that hold the same is kept"),

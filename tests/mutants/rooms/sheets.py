@@ -6,24 +6,8 @@ from tests.mutants.room import Excused, Room
 
 _ANSWERS = ("domain/sheets/test_sharp_answers.py",)
 _FRONT = ("domain/sheets/test_sharp_front.py",)
-_MORE = "how many candidates are tried: where some are left, nothing is called complete"
 ROOMS: tuple[Room, ...] = (
-    Room(
-        "domain/sheets/counting",
-        ("all_solutions", "_within", "_solved", "_same", "_different", "_gap"),
-        ("domain/sheets/test_sharp_counting.py",),
-        (
-            ("while (budget := ", "", _MORE),
-            ("if not np.all(due)", "", _MORE),
-            ("np.all(angles <= _WIDEST", "", "from which candidates Newton's method is tried"),
-            ("turns[:, system.independent] = 0.0", "", "Newton's method keeps q as it is"),
-            (
-                "np.abs(centre - other.centre).max() > _NEAR",
-                "",
-                "what is not found to be the same is to be proved another, or nothing is called complete",
-            ),
-        ),
-    ),
+    Room("domain/sheets/sheet_claims", ("ProvedSheets.glued", "ProvedSheets.says", "mark"), _ANSWERS),
     Room("domain/sheets/cover", ("Front._continued", "Front._first", "Front._try"), _FRONT),
     Room(
         "domain/sheets/cover",
@@ -59,6 +43,8 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "domain/sheets/sheets",
         (
+            "SheetAtlas.__post_init__",
+            "SheetAtlas.replayed",
             "SheetAtlas.sheet_of",
             "SheetAtlas._areas",
             "SheetAtlas.sheets",
@@ -78,7 +64,7 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "domain/sheets/certifying",
-        ("certify_sheets", "_begun", "_survey", "_counted"),
+        ("certify_sheets", "_begun", "_survey"),
         _ANSWERS,
         (
             ("0.5 * effort.seconds", "", "how long is searched"),
@@ -115,11 +101,22 @@ EXCUSED: tuple[Excused, ...] = (
     Excused(
         "domain/sheets/counting",
         ("cover_singular", "_halve_cells"),
-        "how far cells are halved, and along which edge: each candidate is kept or handed down all the same",
+        "how far cells are halved, and along which edge: `exhausted.Excluded` goes through all once more",
     ),
     Excused(
         "domain/sheets/counting",
-        ("_WIDEST", "_NEAR"),
-        "which candidates and pairs are tried: `alone_in` proves what is said of them",
+        ("_WIDEST", "_NEAR", "all_solutions", "_near", "_others"),
+        "which boxes over a q are tried: `solution_counts.CountedCells` asks if they hold all, each once",
+    ),
+    Excused(
+        "domain/sheets/sheet_claims",
+        ("excluded_over",),
+        "where full turns are cut open: `exhausted.Excluded` holds about any middle",
+    ),
+    Excused(
+        "domain/sheets/sheet_claims",
+        ("counted_parts", "proved_sheets", "proved_again"),
+        "what is handed to the kernel: `exhausted.Excluded`, `solution_counts.CountedCells` and `CompleteCells` and "
+        "`solutions.GluedBoxes` check it, and `ProvedSheets.says` and `mark` ask them",
     ),
 )

@@ -11,7 +11,7 @@ _TUBES = (
 )
 ROOMS: tuple[Room, ...] = (
     Room(
-        "domain/singular/tubes",
+        "proof/curves/tubes",
         (
             "bounds_of",
             "certify_tubes",
@@ -22,7 +22,7 @@ ROOMS: tuple[Room, ...] = (
             "glued",
             "_begin_in",
         ),
-        ("domain/singular/test_sharp_tubes.py", "domain/singular/test_sharp_places.py"),
+        ("proof/curves/test_sharp_tubes.py", "proof/curves/test_sharp_places.py"),
         _TUBES,
     ),
     Room(
@@ -72,7 +72,7 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
-        "domain/singular/settled_boxes",
+        "proof/curves/settled_boxes",
         (
             "settled_beside",
             "settled",
@@ -81,11 +81,8 @@ ROOMS: tuple[Room, ...] = (
             "_drawn",
             "_narrowed",
             "_inside",
-            "settle_boxes",
-            "settle_task",
-            "_parts",
         ),
-        ("domain/singular/test_sharp_settled_boxes.py",),
+        ("proof/curves/test_sharp_settled_boxes.py",),
         (
             ("most = solve_many(", "", "any u > 0 will do: it is checked below"),
             ("(most > 0.0) &", "0 let in", "Du < u fails where an entry of u is 0"),
@@ -95,8 +92,34 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
+        "proof/curves/tube_claims",
+        ("SingularTubes.examined", "tubes_of", "GluedTubes.examined"),
+        ("proof/curves/test_sharp_tube_claims.py",),
+    ),
+    Room(
+        "proof/curves/singular_covers",
+        (
+            "narrowed_to_singular",
+            "halved_steepest",
+            "SingularCovered.examined",
+            "_pruned",
+            "covers",
+        ),
+        ("proof/curves/test_sharp_singular_covers.py",),
+    ),
+    Room(
+        "domain/singular/box_tasks",
+        ("narrow_boxes", "narrow_task", "settle_boxes", "settle_task", "_parts"),
+        ("domain/singular/test_sharp_box_tasks.py",),
+    ),
+    Room(
+        "domain/singular/curve_claims",
+        ("proved_tubes", "proved_chains", "_unbroken", "proved_cover"),
+        ("domain/singular/test_sharp_curve_claims.py",),
+    ),
+    Room(
         "domain/singular/cover",
-        ("CurveSearch.run", "CurveSearch._kept", "CurveSearch._halved"),
+        ("CurveSearch.run", "CurveSearch._kept"),
         ("domain/singular/test_sharp_cover.py",),
     ),
     Room(
@@ -131,8 +154,13 @@ ROOMS: tuple[Room, ...] = (
             "SingularCover.is_uncovered",
             "SingularCover.crossed",
             "SingularCover.verify",
+            "SingularCover.verdict",
+            "SingularCover._whole",
             "SingularCover.load",
+            "SingularCover.replayed",
             "searched",
+            "concluded",
+            "_again",
             "_uncovered",
             "_waiting",
             "_cells",
@@ -148,24 +176,24 @@ ROOMS: tuple[Room, ...] = (
 EXCUSED: tuple[Excused, ...] = (
     Excused(
         "domain/singular/following",
-        ("_FIRST", "_NEXT", "_LEAST", "_ON", "_SAME"),
-        "which tubes are tried: `certify_tubes` and `glued` prove them",
+        ("_FIRST", "_NEXT", "_LEAST", "_ON", "_SAME", "_SETTLED", "_FAR", "longest", "onto_curves"),
+        "which tubes are tried: `certify_tubes` and `glued` prove them, and `proof.facts.prove` once more",
     ),
     Excused("domain/singular/joining", ("_REACH", "_Pool.near"), "which tubes are tried: `glued` and `held` prove"),
     Excused(
-        "domain/singular/tubes",
-        ("frames_at", "longest"),
+        "proof/curves/tubes",
+        ("frames_at",),
         "which tubes are tried: `certify_tubes` proves them, with any P",
     ),
-    Excused("domain/singular/tubes", ("_CLOSE", "_BACK"), "when zeros are close enough, and which are tried"),
-    Excused("domain/singular/tubes", ("no_tubes",), "arrays without rows"),
+    Excused("proof/curves/tubes", ("_CLOSE", "_BACK"), "when zeros are close enough, and which are tried"),
+    Excused("proof/curves/tubes", ("no_tubes",), "arrays without rows"),
     Excused(
-        "domain/singular/settled_boxes",
+        "proof/curves/settled_boxes",
         ("_WORTH", "Nearby.of", "Nearby._folded", "Nearby.beside", "_may_hold"),
         "which tubes are tried: `settled` proves that one settles a box, `places_in` that it holds a point",
     ),
-    Excused("domain/singular/settled_boxes", ("_ROOM", "_LEAST"), "which u of Lemma W is proposed: it is checked"),
-    Excused("domain/singular/settled_boxes", ("_PASSES", "_GAIN"), "how often a box is narrowed"),
+    Excused("proof/curves/settled_boxes", ("_ROOM", "_LEAST"), "which u of Lemma W is proposed: it is checked"),
+    Excused("proof/curves/settled_boxes", ("_PASSES", "_GAIN"), "how often a box is narrowed"),
     Excused(
         "domain/singular/cover",
         (

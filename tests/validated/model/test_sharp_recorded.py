@@ -1,15 +1,12 @@
 """Recorded mechanisms beside those of `test_joints`: what their dynamics rest on, by the model's own figures."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import ccpin
-from ccpin import MechanismDescription
 from ccpin.control.laws import NoTorque
-from ccpin.description import Coupling, CouplingTerm, Joint, Link
 from ccpin.errors import DifferentSubjectsError, UnsupportedMechanismError
 from tests.support.ball_joint import ball_joint
 from tests.support.linkages import rssr
@@ -24,10 +21,8 @@ from ccpin.validated.model.closed_loop import _unit_lengths, recorded_loop, too_
 from ccpin.validated.model.recorded_laws import require_sampled  # noqa: E402
 from tests.support.recorded import (  # noqa: E402
     MECHANISMS,
-    Y,
-    at,
     balls,
-    body,
+    geared,
     numbers,
     random_state,
     with_kinds,
@@ -57,35 +52,18 @@ def test_a_single_turn_of_a_ball_as_a_coordinate():
     compare(model)
 
 
-def geared(power=3, reference=0.2, **of_wheel):
-    """A crank geared to a wheel by a polynomial, references and all; both out of balance."""
-    links = Link("base"), Link("crank", body(1.0, 0.1, 0.0, 0.02)), Link("wheel", body(0.5, 0.05, 0.02, 0.0))
-    joints = (
-        Joint("crank", "revolute", "base", "crank", axis=Y, stiffness=0.4, spring_reference=0.3, damping=0.05),
-        Joint("wheel", "revolute", "base", "wheel", at(0.4, 0.0, 0.0), axis=Y, damping=0.01, **of_wheel),
-    )
-    curve = (0.1, 3.0, 0.2, 0.05)[: power + 1]
-    gears = (CouplingTerm("crank", curve, reference=reference), CouplingTerm("wheel", (0.0, -1.0), reference=-0.1))
-    return MechanismDescription(
-        "gears",
-        "base",
-        links,
-        joints,
-        couplings=(Coupling("gear", gears),),
-        independent=("crank",),
-        actuated=("crank",),
-    )
+def curved(power=3, reference=0.2, kind="revolute", **of_wheel):
+    """Gears of a polynomial of that degree."""
+    return geared((0.1, 3.0, 0.2, 0.05)[: power + 1], kind, (reference, -0.1), **of_wheel)
 
 
 def test_couplings_of_higher_degree():
-    compare(ccpin.ReducedModel(ccpin.load(geared())))
+    compare(ccpin.ReducedModel(ccpin.load(curved())))
 
 
 def test_a_geared_wheel_some_turns_on():
     """Of a continuous joint the row is less whole turns: it vanishes at angles three turns on, counted from there."""
-    described = geared(1, 1.5)
-    joints = (described.joints[0], replace(described.joints[1], kind="continuous"))
-    model = ccpin.ReducedModel(ccpin.load(replace(described, joints=joints)))
+    model = ccpin.ReducedModel(ccpin.load(curved(1, 1.5, "continuous")))
     state = model.at([2.4 * np.pi])
     loop = recorded_loop(model, None, state.q_free)
     x = loop.numbers(state.q_free)

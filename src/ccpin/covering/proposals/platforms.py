@@ -21,8 +21,8 @@ def platform_empty(system: ClosureSystem, platform: Platform, centre: Array, hal
     """
     if len(centre) > _CHUNK:
         parts = [slice(k, k + _CHUNK) for k in range(0, len(centre), _CHUNK)]
-        found = [platform_empty(system, platform, centre[part], half[part]) for part in parts]
-        return np.concatenate([empty for empty, _ in found]), np.concatenate([weights for _, weights in found])
+        each = [platform_empty(system, platform, centre[part], half[part]) for part in parts]
+        return np.concatenate([empty for empty, _ in each]), np.concatenate([weights for _, weights in each])
     ends = ends_over(system, platform, centre, half)
     count, _, size = ends.places.shape
     empty, rows, by = np.zeros(count, dtype=np.bool_), np.arange(count), np.zeros(ends.places.shape[:2])

@@ -1,22 +1,22 @@
-"""Newton's method over batches: at fixed q, and for systems with as many unknowns; boxes glued by it."""
+"""Newton's method over batches: at fixed q, and for prolonged systems; boxes glued by it."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, apply, inverses, solve_many
+from ccpin.arrays import Array, Mask, apply, inverses, solve_many
 from ccpin.covering.proposals.krawczyk import certify_points
 from ccpin.native.certifier import certifier
 from ccpin.proof.equations import Derivatives, Problem, closure_values, derivatives
 from ccpin.proof.newton import Boxes, encloses, solve_in_boxes, within
+from ccpin.proof.prolongations import Prolongation
 
 _LARGEST_STEP = 1.5  # rad, m: a longer one has lost its way
 _SETTLED = 1e-7  # rad, m: after it Newton's method has converged
 _LOST = 1e-8  # a step after which Newton's next one is lost in rounding
 _LONGEST = 0.5  # step in all unknowns together
-P = TypeVar("P")
 
 
 class Converged(NamedTuple):
@@ -97,28 +97,12 @@ def closure_derivatives(problem: Problem, theta: Array) -> Derivatives:
     return derivatives(problem, theta)
 
 
-class SquareSystem(Protocol[P]):
-    """F at B points, P being what it needs there."""
-
-    def take(self, rows: Indices) -> SquareSystem[P]:
-        """Those of some points."""
-
-    def at(self, x: Array) -> P:
-        """What is needed at x, of shape (B, unknowns)."""
-
-    def value(self, point: P) -> Array:
-        """F, of shape (B, unknowns)."""
-
-    def slope(self, point: P) -> Array:
-        """F′, of shape (B, unknowns, unknowns)."""
-
-
-def solved(equations: SquareSystem[P], x: Array, steps: int) -> Array:
-    """Newton's method, its steps shortened to at most 0.5 in any unknown."""
+def solved(problem: Problem, equations: Prolongation, x: Array, steps: int) -> Array:
+    """Newton's method for a prolonged system, its steps shortened to at most 0.5 in any unknown."""
     x, active = x.copy(), np.arange(len(x))
     for _ in range(steps):
         part = equations.take(active)
-        point = part.at(x[active])
+        point = part.at(x[active], lambda theta: closure_derivatives(problem, theta))
         step = -solve_many(part.slope(point), part.value(point))
         length = np.max(np.abs(step), axis=1)
         going = np.isfinite(length)

@@ -45,7 +45,8 @@ def combine(
     Raises:
         DescriptionError: The whole is unsound (see `ccpin.description.checks.check`).
     """
-    parts = {prefix: instance(part, f"parts['{prefix}']", Part) for prefix, part in _mapping(parts).items()}
+    instance(parts, "parts", Mapping, "a mapping of prefixes to Part")
+    parts = {prefix: instance(part, f"parts['{prefix}']", Part) for prefix, part in parts.items()}
     renamed = {prefix: _renamed(part.description, prefix) for prefix, part in parts.items()}
     mounts = [
         Joint(f"{prefix}mount", "fixed", root, renamed[prefix].root, placement(part.placement, f"parts['{prefix}']"))
@@ -66,10 +67,6 @@ def combine(
             notes=tuple(note for d in every for note in d.notes),
         )
     )
-
-
-def _mapping(parts: object) -> Mapping[str, Part]:
-    return instance(parts, "parts", Mapping, "a mapping of prefixes to Part")
 
 
 def _renamed(d: MechanismDescription, prefix: str) -> MechanismDescription:

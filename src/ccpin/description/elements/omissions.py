@@ -21,10 +21,6 @@ def _limited(field: str) -> Callable[[MechanismDescription], list[str]]:
     return lambda d: [j.name for j in d.joints if j.kind != FIXED and np.isfinite(getattr(j, field))]
 
 
-def _one_sided(description: MechanismDescription) -> list[str]:
-    return [j.name for j in description.joints if np.isfinite(j.lower) != np.isfinite(j.upper)]
-
-
 def _independent(description: MechanismDescription) -> list[str]:
     """Those a reader would not find: where the motors are independent, in their order, it does."""
     marked = description.independent or ()
@@ -43,7 +39,9 @@ _STATED: dict[str, Callable[[MechanismDescription], list[str]]] = {
     ],
     "the loops closed around motors": lambda d: [f"{m.joint} ({m.kind})" for m in _driven(d) if m.kind != "motor"],
     "limits of velocity": _limited("velocity"),
-    "limits of position on one side": _one_sided,
+    "limits of position on one side": lambda d: [
+        j.name for j in d.joints if np.isfinite(j.lower) != np.isfinite(j.upper)
+    ],
 }
 STATED = tuple(_STATED)
 

@@ -202,19 +202,27 @@ def numeric_attributes(element: XmlElement, counts: Mapping[str, int | None]) ->
     """
     found = {}
     for attribute, count in counts.items():
-        text = element.get(attribute)
-        if text is None or not text.strip():
-            continue
-        try:
-            values = tuple(map(float, text.split()))
-        except ValueError:
-            raise fail(element, f"{attribute}={text[:80]!r} is not numeric") from None
-        if count is not None and len(values) != count:
-            raise fail(element, f"{attribute}={text[:80]!r} has {len(values)} numbers where {count} are needed")
-        if not all(map(math.isfinite, values)):
-            raise fail(element, f"{attribute}={text[:80]!r} is not finite")
-        found[attribute] = values
+        text = element.get(attribute, "")
+        if text.strip():
+            found[attribute] = numbers_in(text, count, element, f"{attribute}=")
     return found
+
+
+def numbers_in(text: str, count: int | None, element: XmlElement, said: str = "") -> tuple[float, ...]:
+    """The finite numbers that a text of an element holds, `count` of them (``None``: any number of them).
+
+    Raises:
+        DescriptionError: It holds something else; `said` stands before the text.
+    """
+    try:
+        values = tuple(map(float, text.split()))
+    except ValueError:
+        raise fail(element, f"{said}{text[:80]!r} is not numeric") from None
+    if count is not None and len(values) != count:
+        raise fail(element, f"{said}{text[:80]!r} has {len(values)} numbers where {count} are needed")
+    if not all(map(math.isfinite, values)):
+        raise fail(element, f"{said}{text[:80]!r} is not finite")
+    return values
 
 
 def numbers(element: XmlElement, attribute: str, count: int | None) -> tuple[float, ...]:

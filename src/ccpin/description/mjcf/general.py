@@ -31,24 +31,16 @@ def as_general(tag: str, own: Mapping[str, str], inherited: Mapping[str, str]) -
     elif tag == "damper":
         gains, gained = "affine", f"0 0 {_negative(own.get('kv') or '0')}"
     elif tag == "cylinder":
-        gained = (
-            f"{0.25 * pi * float(own['diameter'].split()[0]) ** 2!r}"
-            if own.get("diameter")
-            else own.get("area") or gain
-        )
+        gained = own.get("area") or gain
+        if own.get("diameter"):
+            gained = repr(0.25 * pi * float(own["diameter"].split()[0]) ** 2)
         biased, bias = "affine", own.get("bias") or "0 0 0"
     elif tag != "motor":
         dynamics, gains, biased = tag, tag, tag
         return values | {"dyntype": dynamics, "gaintype": gains, "biastype": biased}
     for key in ("kp", "kv"):
         values.pop(key, None)
-    return values | {
-        "dyntype": dynamics,
-        "gaintype": gains,
-        "gainprm": gained,
-        "biastype": biased,
-        "biasprm": bias,
-    }
+    return values | {"dyntype": dynamics, "gaintype": gains, "gainprm": gained, "biastype": biased, "biasprm": bias}
 
 
 def _negative(number: str) -> str:

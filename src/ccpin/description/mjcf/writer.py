@@ -307,10 +307,7 @@ def _free(joint: Joint, stated: Iterable[float]) -> list[float]:
 
 def _trimmed(term: CouplingTerm) -> tuple[float, ...]:
     """A term's coefficients without zeros at the end."""
-    coefficients = list(term.coefficients)
-    while coefficients and not coefficients[-1]:
-        coefficients.pop()
-    return tuple(coefficients)
+    return tuple(np.trim_zeros(term.coefficients, "b"))
 
 
 def _polynomial(term: CouplingTerm) -> Polynomial:

@@ -63,7 +63,8 @@ class Including:
             raise fail(include, f"'{uri[:120]}' is no file beside this one (nothing is fetched from elsewhere)")
         folder, allowed = Path(source).resolve().parent, self._root
         try:
-            candidates = [(base / name).resolve() for base in (folder, *_above(folder, allowed))]
+            above = (path for path in folder.parents if path.is_relative_to(allowed))
+            candidates = [(base / name).resolve() for base in (folder, *above)]
             inside = [path for path in candidates if path.is_relative_to(allowed)]
             found = next((path for path in map(_model_file, inside) if path is not None), None)
         except (OSError, ValueError):
@@ -77,11 +78,6 @@ class Including:
         raise fail(
             include, f"there is no '{uri[:120]}' in {allowed.name}/ (include_root names another folder to look in)"
         )
-
-
-def _above(folder: Path, allowed: Path) -> list[Path]:
-    """The folders above, up to the one allowed."""
-    return [path for path in folder.parents if path.is_relative_to(allowed)]
 
 
 def _model_file(path: Path) -> Path | None:

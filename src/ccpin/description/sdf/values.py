@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
-from ccpin.description.elements.xml import TRUTH, XmlElement, fail, spelt, tag
+from ccpin.description.elements.xml import TRUTH, XmlElement, fail, numbers_in, spelt, tag
 from ccpin.description.model import IDENTITY, frame, frame_from_rpy
 
 UNLIMITED = 1e16  # SDFormat's own: a limit as large is none
@@ -62,16 +62,7 @@ def required(element: XmlElement, name: str) -> str:
 
 def numbers(element: XmlElement, count: int) -> Array:
     """The `count` finite numbers an element's text holds."""
-    written = (element.text or "").strip()
-    try:
-        values = [float(part) for part in written.split()]
-    except ValueError:
-        raise fail(element, f"{written[:80]!r} is not numeric") from None
-    if len(values) != count:
-        raise fail(element, f"{written[:80]!r} has {len(values)} numbers where {count} are needed")
-    if not all(map(math.isfinite, values)):
-        raise fail(element, f"{written[:80]!r} is not finite")
-    return np.array(values)
+    return np.array(numbers_in((element.text or "").strip(), count, element))
 
 
 def number(element: XmlElement | None, name: str, default: float) -> float:

@@ -33,9 +33,7 @@ class Words(NamedTuple):
 _MATERIAL = Words((), ("color", "texture"), ("name",))
 _GEOMETRY = Words((), ("box", "cylinder", "sphere", "mesh", "capsule", "ellipsoid", "plane", "convex", "cone"), ())
 _SHOWN = Words(
-    (),
-    ("origin", "geometry", "material", "contact_coefficients", "verbose", "map", "cast_shadows"),
-    ("name", "group"),
+    (), ("origin", "geometry", "material", "contact_coefficients", "verbose", "map", "cast_shadows"), ("name", "group")
 )
 _REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
 _LOOPS = ("loop", "loop_joint", "constraint", "coupling", "ball_constraint", "distance_constraint")

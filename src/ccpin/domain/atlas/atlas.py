@@ -164,7 +164,7 @@ class Atlas:
         """A place of the region proved to have no σ, or one that is singular."""
         if self._whole:
             return None
-        found = refutation_of(self.reading, self.tree, self.region, self.boxes)
+        found = refutation_of(self.reading, self.tree, self.region, self.solutions)
         return next(demand_witnesses(self.reading, self.seed, self._undecided()), None) if found is None else found
 
     @property

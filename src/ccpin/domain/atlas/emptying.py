@@ -15,12 +15,12 @@ from ccpin.covering.region import Region
 from ccpin.covering.runner import Runner
 from ccpin.domain.closures.searchable import MOST_DEPENDENT, all_values
 from ccpin.domain.closures.system import Reading
-from ccpin.proof.candidates import handed_down, over_all
+from ccpin.proof.candidates import over_all
 from ccpin.proof.cell_tree import LEVELS
 from ccpin.proof.chains import ClosureSystem
 from ccpin.proof.emptiness import empty_cells, groups_of, platform_of
 from ccpin.proof.equations import Problem, closures_of
-from ccpin.proof.exhausted import Excluded, Unreachable
+from ccpin.proof.exhausted import Excluded, Unreachable, handed_down
 from ccpin.proof.facts import Fact, prove
 from ccpin.proof.narrowing import Candidates
 
@@ -89,7 +89,7 @@ def search_empty(runner: Runner, reading: Reading, tree: CellTree, region: Regio
         tree.split(cells[leaf & ~small], np.argmax(lengths[leaf & ~small], axis=1))
         cells = cells[~(leaf & small)]
         waiting = rows_of(waiting, np.isin(waiting.cell, cells))
-        waiting = handed_down(problem, tree.cut, tree.child, waiting)
+        waiting = handed_down(problem, region.corners, tree, tree.child, waiting)
         searched = np.concatenate([tree.child[cells], tree.child[cells] + 1])
         searched = searched[_open(tree)[searched]]
         waiting = rows_of(waiting, np.isin(waiting.cell, searched))

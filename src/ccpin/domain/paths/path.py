@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, PPoly
 
 from ccpin.arrays import Array, numbers
-from ccpin.covering.claims import Seams, proved_glue, proved_points
 from ccpin.covering.proposals.solving import newton
 from ccpin.domain.closures.seeds import seed_at_coordinates
 from ccpin.domain.closures.system import Reading
@@ -31,11 +30,10 @@ from ccpin.domain.paths.walker import SHORTEST, TRIES, Walker
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.chords import chord_of, points_of
-from ccpin.proof.equations import BoundsName, Problem, closure_values, closures_of
-from ccpin.proof.facts import Fact, NotProvedError, prove
+from ccpin.proof.equations import BoundsName, Problem, closure_values
+from ccpin.proof.facts import Fact
 from ccpin.proof.newton import Boxes, solve_in_boxes
-from ccpin.proof.paths import Followed, follows
-from ccpin.proof.solutions import Met, SolutionsInBoxes
+from ccpin.proof.paths import follows
 from ccpin.proof.verdict import Verdict, Witness
 
 _AHEAD = np.array([1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4])  # of what is left of the piece
@@ -157,7 +155,7 @@ def certify_path(
     reading = seed.reading.bounded(bounds)
     walker = Walker(reading.problem, pieces, widths, seed.theta)
     stopped = walker.walk()
-    proved = _proved(walker)
+    proved = walker.proved()
     if proved is None:
         walker, stopped = walker.back(len(walker.times) - 1), float(pieces.x[1])
     witness = None if stopped is None else _refuted(walker, reading, stopped)
@@ -174,27 +172,6 @@ def certify_path(
         pieces=pieces,
         reading=reading,
     )
-
-
-def _proved(walker: Walker) -> Fact | None:
-    """The fact that the walker's boxes follow σ along the tube from where it began to where it is."""
-    boxes, problem = walker.boxes, walker.problem
-    count, n, (point, near) = len(boxes.kappa), problem.system.n, proved_points(problem, walker.point.centre)
-    if not count or not near.size:
-        return None
-    q, along = boxes.centre[:, problem.system.independent], boxes.directions[:, problem.system.independent, 0]
-    before = np.concatenate([walker.point.centre[:, problem.system.independent], (q + along)[:-1]])
-    ends, begins = np.tile(np.eye(1, 1 + n), (count, 1)), np.column_stack([-np.ones(count), before - (q - along)])
-    number = np.arange(count)
-    try:
-        solutions = prove(SolutionsInBoxes(closures_of(problem), *boxes))
-        first = number[:1], number[:1], begins[:1], begins[:1], number[:1]
-        start = prove(Met(closures_of(problem), *first), point, solutions)
-        glue = proved_glue(problem, Seams(number[:-1], number[1:], ends[:-1], begins[1:]), (solutions,))
-        path = walker.pieces.c, walker.pieces.x, np.array(walker.times), walker.tube
-        return prove(Followed(closures_of(problem), *path), solutions, start, *glue)
-    except NotProvedError:
-        return None
 
 
 def _refuted(walker: Walker, reading: Reading, knot: float) -> Witness | None:

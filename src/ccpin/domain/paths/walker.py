@@ -9,12 +9,16 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, joined
-from ccpin.covering.proposals.krawczyk import certify_boxes, certify_points
+from ccpin.covering.claims import Seams, proved_glue, proved_points
+from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.covering.proposals.solving import extrapolate, glued, newton
 from ccpin.errors import SingularConfigurationError
 from ccpin.proof.chords import chord_of
-from ccpin.proof.equations import Problem, closure_values
+from ccpin.proof.equations import Problem, closure_values, closures_of
+from ccpin.proof.facts import Fact, NotProvedError, prove, prove_some
 from ccpin.proof.newton import Boxes, encloses, solve_in_boxes
+from ccpin.proof.paths import Followed
+from ccpin.proof.solutions import Met, SolutionsInBoxes
 
 TRIES = np.array([4.0, 2.0, 1.0, 0.5, 0.25])  # of the last stride
 SHORTEST = 1e-7  # of the path: a stride that ends the walk
@@ -42,6 +46,7 @@ class Walker:
         times: The parameters between the boxes.
         theta: σ at the last of them.
         tried: How many boxes were tried.
+        start: The fact that there is one solution in a point's box at the start, `point`.
 
     Raises:
         SingularConfigurationError: The start cannot be enclosed.
@@ -52,12 +57,12 @@ class Walker:
         self.times = [float(pieces.x[0])]
         self.tried = 0
         self._boxes: list[Boxes] = []
-        point = certify_points(problem, theta[None])
-        if not point.proved[0]:
+        self.start, near = proved_points(problem, theta[None])
+        if not near.size:
             raise SingularConfigurationError(
                 "the path starts too close to a singular configuration", q_free=theta, rcond=self.rcond()
             )
-        self.point = point.boxes
+        self.point: Boxes = self.start.claim.boxes
 
     @property
     def boxes(self) -> Boxes:
@@ -126,6 +131,42 @@ class Walker:
             return bool(encloses(self.problem, box, delta, *ball)[0])
         last = self._boxes[-1]
         return bool(glued(self.problem, last, np.eye(1, last.half.shape[1]), box, delta)[0])
+
+    def proved(self) -> Fact | None:
+        """The fact that the boxes follow σ along the tube from where the walk began to here."""
+        boxes, problem = self.boxes, self.problem
+        count, n, equations = len(boxes.kappa), problem.system.n, closures_of(problem)
+        if not count:
+            return None
+        q, along = boxes.centre[:, problem.system.independent], boxes.directions[:, problem.system.independent, 0]
+        before = np.concatenate([self.point.centre[:, problem.system.independent], (q + along)[:-1]])
+        ends, begins = np.tile(np.eye(1, 1 + n), (count, 1)), np.column_stack([-np.ones(count), before - (q - along)])
+        number = np.arange(count)
+        try:
+            solutions = prove(SolutionsInBoxes(equations, *boxes))
+            first = number[:1], number[:1], begins[:1], begins[:1], number[:1]
+            start = prove(Met(equations, *first), self.start, solutions)
+            glue = proved_glue(problem, Seams(number[:-1], number[1:], ends[:-1], begins[1:]), (solutions,))
+            path = self.pieces.c, self.pieces.x, np.array(self.times), self.tube
+            return prove(Followed(equations, *path), solutions, start, *glue)
+        except NotProvedError:
+            return None
+
+    def point_here(self) -> Fact | None:
+        """The fact that there is one solution in a point's box about σ here."""
+        if not self._boxes:
+            return self.start
+        point, near = proved_points(self.problem, self.theta[None])
+        return point if near.size else None
+
+    def leads_to(self, point: Fact) -> bool:
+        """Whether that is proved to be the one to which σ was followed from the start."""
+        path, last, number = self.proved(), np.array([len(self._boxes) - 1]), np.zeros(1, dtype=np.int64)
+        if path is None:
+            return point is self.start
+        ends = np.eye(1, 1 + self.problem.system.n)
+        met = Met(closures_of(self.problem), last, last, ends, ends, number)
+        return bool(prove_some(met, point, path.premises[0])[1][0])
 
     def rcond(self) -> float:
         """Reciprocal condition number (2-norm) of φ_y here."""

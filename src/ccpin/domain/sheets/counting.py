@@ -30,13 +30,14 @@ from ccpin.covering.proposals.solving import newton
 from ccpin.covering.pruning import Pruning
 from ccpin.covering.region import Region
 from ccpin.covering.runner import Arrays, Report, Runner
-from ccpin.proof.candidates import halved, handed_down, narrowed_both, over_all, steepness, to_halve
+from ccpin.proof.candidates import halved, narrowed_both, over_all, steepness, to_halve
 from ccpin.proof.cell_tree import LEVELS, WHOLE
 from ccpin.proof.equations import Problem
+from ccpin.proof.exhausted import handed_down
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.newton import Boxes
 from ccpin.proof.ranges import Ranges
-from ccpin.proof.solution_counts import known, within
+from ccpin.proof.solution_counts import alone_over, within
 from ccpin.proof.solutions import TURN
 
 _NEWTON = 12  # steps
@@ -106,7 +107,7 @@ def all_solutions(problem: Problem, ranges: Ranges, q: Array) -> Boxes:
         if not waiting.cell.size:
             break
         found = joined([found, _others(problem, found, _near(problem, ranges, waiting))])
-        waiting = rows_of(waiting, ~known(problem, waiting, found))
+        waiting = rows_of(waiting, ~alone_over(problem, waiting, found))
         cut, due = to_halve(problem, waiting)
         if not np.all(due):
             break
@@ -155,4 +156,4 @@ def _halve_cells(
     np.maximum.at(stretch, at, jacobian)
     moved = np.where(np.isfinite(stretch), stretch, 0.0) * (tree.size[cells] / WHOLE) * region.width
     tree.split(cells, np.argmax(np.where(tree.size[cells] > smallest, moved, -1.0), axis=1))
-    return handed_down(problem, tree.cut, tree.child, waiting)
+    return handed_down(problem, region.corners, tree, tree.child, waiting)

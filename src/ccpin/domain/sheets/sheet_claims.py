@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,23 @@ from ccpin.work import Stopped
 
 
 class HasSheets(Protocol):
-    """Boxes of sheets, over which cells they lie, and which carry the same σ."""
+    """Boxes of sheets, over which cells they lie, which carry the same σ; of which closures, within which limits."""
+
+    @property
+    def problem(self) -> Problem:
+        """The closures."""
+
+    @property
+    def region(self) -> Region:
+        """The region."""
+
+    @property
+    def ranges(self) -> Ranges:
+        """With the limits that are kept."""
+
+    @property
+    def tree(self) -> CellTree:
+        """The cells."""
 
     @property
     def boxes(self) -> Boxes:
@@ -41,7 +58,8 @@ class HasSheets(Protocol):
         """Which carry the same σ at a common point."""
 
 
-class ProvedSheets(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class ProvedSheets:
     """Facts about sheets.
 
     Attributes:
@@ -82,9 +100,13 @@ class ProvedSheets(NamedTuple):
 
     def says(self, sheets: HasSheets, count: NDArray[np.int64]) -> bool:
         """Whether these facts are about such sheets, and say that of their cells."""
-        told = (*sheets.boxes, *sheets.members, *sheets.glued[:2], count)
-        own = (*self.boxes, *self.members, *self.glued[:2], self.count)
-        return all(np.array_equal(one, other) for one, other in zip(told, own, strict=True))
+        over, cells = self.cells.premises[0].premises[0].claim, self.cells.claim
+        own = [*self.boxes, *self.members, *self.glued[:2], self.count]
+        own += [over.lower, over.upper, over.wrapped, cells.cut, cells.child, over.limits]
+        told = [*sheets.boxes, *sheets.members, *sheets.glued[:2], count]
+        told += [*cells_of(sheets.region, sheets.tree).values(), sheets.ranges.limits]
+        same = all(np.array_equal(one, other) for one, other in zip(told, own, strict=True))
+        return same and closures_of(sheets.problem).digest == self.cells.digest
 
 
 _COUNTED, _AT_ONCE = 64, 8  # parts, and how many at once

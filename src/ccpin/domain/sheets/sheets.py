@@ -10,7 +10,7 @@ places along some way in q, round a cusp as a rule: the mechanism goes from one 
 singularity (`SheetAtlas.way`). This is what an `Atlas` with `single_valued` false stands before.
 
 What is not claimed. All singular closed configurations over the region lie over the cells that are neither counted nor
-empty. *Singular* ones of them hold one that is proved (Theorem S of `singular.folds`); of the *undecided* ones nothing
+empty. *Singular* ones of them hold one that is proved (Theorem S); of the *undecided* ones nothing
 is known. Two sheets told apart here may be one that is connected through undecided cells or outside of the region.
 """
 
@@ -332,7 +332,7 @@ class SheetAtlas:
         return np.asarray((point - self.region.reduce(point))[0])
 
     def cusps(self) -> tuple[Cusp, ...]:
-        """Cusps over the region, looked for from every cell that may hold one and proved (Theorem C of `cusp_points`).
+        """Cusps over the region, looked for from every cell that may hold one and proved (Theorem C).
 
         All there are lie over cells that are not counted; that none of those holds another is not claimed.
 

@@ -34,17 +34,18 @@ def certify_singularities(
 
     The curves are followed in tubes that are proved to hold one each, and the whole region is covered with boxes of
     all coordinates, each proved to hold no singular configuration but those in tubes; what cannot be settled is listed.
+    That is done twice: to find the curves, and by the kernel of proof, which knows their tubes and believes nobody.
 
     Args:
         mechanism: A mechanism (or its model) with two scalar independent coordinates and revolute, prismatic,
             universal, cylindrical or planar joints; hold joints still with ``load(locked=…)`` for a slice of others.
         region: (lower, upper), the bounds of the coordinates, each of shape (2,); default as for `certify`.
         resolution: Boxes no wider than this either way (rad, m) are listed where they cannot be settled.
-        budget: How many boxes of all coordinates may be tried; those that wait then are listed.
+        budget: How many boxes of all coordinates may be tried to find the curves; those that wait then are listed.
         seconds: When to stop, measured by the clock. What is proved by then is kept, as after Ctrl-C.
         bounds: Of φ over boxes: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
-        workers: How many processes to start for the boxes, as for `certify_sheets`; curves are followed in this
-            one. The result is the same whoever does the work.
+        workers: How many processes to start for the search's boxes, as for `certify_sheets`; curves are followed, and
+            all is proved, in this one. The result is the same whoever does the work.
         executor: In place of `workers` anything with ``submit``, as for `certify`.
         checkpoint: A folder in which finished chunks of boxes and whole curves are kept; the same call finds them again
             after an interrupt or a crash.

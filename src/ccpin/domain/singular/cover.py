@@ -2,8 +2,9 @@
 
 One box of all coordinates is halved over and over. A box is dropped where φ is shown to have no zero or φ_y to be
 regular (`proof.narrowing`), or where what singular configurations it may hold lie in tubes (Proposition B of
-`settling`). From the middles of boxes that stay Newton's method leads onto curves; those in no tube yet are followed
-both ways. So every singular configuration over the region lies on a curve in tubes, or in a box that is left over.
+`ccpin/proof/theorems/covering.md`). From the middles of boxes that stay Newton's method leads onto curves; those in no
+tube yet are followed both ways. What is found is a proposal: that every singular configuration over the region lies on
+one of the curves, or in a box that is listed, is proved by the kernel (`SingularCovered`).
 """
 
 from __future__ import annotations
@@ -14,14 +15,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Mask, joined, rows_of
-from ccpin.covering.proposals.solving import closure_derivatives
 from ccpin.covering.region import Region
 from ccpin.covering.runner import Arrays, Runner
-from ccpin.domain.singular.curve_equations import onto_curves
-from ccpin.domain.singular.following import TubeChain, follow, prolonged
-from ccpin.domain.singular.settled_boxes import Nearby, extents, narrow_boxes, settle_boxes
-from ccpin.domain.singular.tubes import Points, Tubes, no_tubes
-from ccpin.proof.candidates import halved, over_all, rows_to_halve_for
+from ccpin.domain.singular.box_tasks import narrow_boxes, settle_boxes
+from ccpin.domain.singular.following import TubeChain, follow, onto_curves, prolonged
+from ccpin.proof.candidates import over_all
+from ccpin.proof.curves.settled_boxes import Nearby, extents
+from ccpin.proof.curves.singular_covers import halved_steepest
+from ccpin.proof.curves.tubes import Points, Tubes, no_tubes
 from ccpin.proof.equations import Problem, closure_values
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import Ranges
@@ -184,7 +185,4 @@ class CurveSearch:
 
     def _halved(self, boxes: Candidates) -> Candidates:
         """Both halves of boxes, cut where φ and φ_y move most."""
-        found = closure_derivatives(self.problem, boxes.centre)
-        steepest = np.abs(found.jacobian) + np.abs(found.hessian[:, :, self.problem.system.dependent]).sum(axis=2)
-        moved = steepest[:, rows_to_halve_for(self.problem)].max(axis=1) * boxes.half
-        return halved(self.problem, boxes, np.argmax(moved, axis=1))
+        return halved_steepest(self.problem, boxes)

@@ -8,10 +8,10 @@ import numpy as np
 
 from ccpin.arrays import Array, joined, rows_of
 from ccpin.domain.closures.system import Reading
-from ccpin.domain.singular.curve_equations import values_at
 from ccpin.domain.singular.following import TubeChain
 from ccpin.domain.singular.sampled import CurveKind, SingularCurve
-from ccpin.domain.singular.tubes import Frames, Tubes, certify_tubes, glued, zeros_in
+from ccpin.proof.curves.curve_equations import values_at
+from ccpin.proof.curves.tubes import Frames, Tubes, certify_tubes, glued, zeros_in
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import without_turns
 

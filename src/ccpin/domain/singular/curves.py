@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -22,13 +22,17 @@ from ccpin.domain.documents import store
 from ccpin.domain.documents.kinds import CURVES
 from ccpin.domain.singular.cover import CurveSearch, Found, SearchDomain
 from ccpin.domain.singular.curve import CertifiedCurve, as_curve, holds
+from ccpin.domain.singular.curve_claims import ProvedCurves, SearchEffort, proved_chains, proved_cover, proved_tubes
 from ccpin.domain.singular.following import TubeChain
-from ccpin.domain.singular.settled_boxes import Nearby, extents
-from ccpin.domain.singular.tubes import Points, Stated, no_tubes, proved_again, stated, zeros_in
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.curves.settled_boxes import Nearby, extents
+from ccpin.proof.curves.singular_covers import covers
+from ccpin.proof.curves.tube_claims import tubes_of
+from ccpin.proof.curves.tubes import Points, Stated, Tubes, no_tubes, stated, zeros_in
 from ccpin.proof.digests import Digests, require_same
-from ccpin.proof.equations import BoundsName, Problem, closure_values
+from ccpin.proof.equations import BoundsName, Problem, closure_values, closures_of
+from ccpin.proof.facts import Fact, NotProvedError
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.newton import without_turns
 from ccpin.proof.ranges import Ranges
@@ -86,10 +90,10 @@ class CrossedCells(NamedTuple):
 class SingularCover:
     """All singular curves over a region, and what is not covered by them.
 
-    What is claimed: every singular closed configuration over the region that keeps the limits of slides and coupled
-    joints (φ_y singular; the ranges searched hold them all, by Lemma R of `ccpin.proof.ranges`) lies on one of the
-    curves, inside its tubes, or in one of the boxes that are uncovered.
-    Beyond the region nothing is.
+    What is claimed, and proved by the kernel (`SingularCovered`): every singular closed configuration over the region
+    that keeps the limits of slides and coupled joints (φ_y singular; the ranges searched hold them all, by Lemma R of
+    `ccpin.proof.ranges`) lies on one of the curves, inside its tubes, or in one of the boxes that are uncovered. Beyond
+    the region nothing is. Of work that was interrupted the curves are proved, and the boxes are the search's word.
 
     Attributes:
         names: The independent coordinates, in the order of q.
@@ -103,8 +107,9 @@ class SingularCover:
             ``None``.
         resolution: Boxes with all edges below twice this were not halved.
         ranges: What was searched of the dependent coordinates, and why that is all.
-        source: The file it was loaded from, if it was: what it says rests on that file, but for boxes (and tubes),
-            which `load` proved again. `ccpin.auditing.verify` proves the rest.
+        source: The file it was loaded from, if it was: what it says rests on that file, but for tubes, which `load`
+            proved again, and with `replay=True` for all the rest. `ccpin.auditing.verify` proves it with its own code.
+        proved: The facts about its tubes and about all of it.
     """
 
     names: tuple[str, ...]
@@ -117,6 +122,7 @@ class SingularCover:
     resolution: float
     ranges: Ranges
     source: str | None = None
+    proved: ProvedCurves | None = None
 
     def __repr__(self) -> str:
         kinds = ", ".join(curve.kind for curve in self.curves) or "none"
@@ -136,12 +142,33 @@ class SingularCover:
     @property
     def verdict(self) -> Verdict:
         """Of the claim that the curves are all there are over the region; no box can refute it."""
-        return "undecided" if len(self.uncovered.lower) else "proven"
+        return "proven" if self._whole else "undecided"
+
+    @property
+    def _whole(self) -> bool:
+        """Whether the kernel says, or else a file, that the curves are all there are."""
+        covered = self._covered
+        if covered is None:
+            return self.source is not None and self.limit is None and not len(self.uncovered.lower)
+        region = self.region.lower, self.region.upper
+        known = covered.digest == closures_of(self.problem).digest and not len(covered.found["lower"])
+        return known and covers(covered, region, self.ranges.limits, stated(self._tubes))
+
+    @property
+    def _covered(self) -> Fact | None:
+        """The fact about the region, if there is one."""
+        covered = None if self.proved is None else self.proved.covered
+        return covered if isinstance(covered, Fact) else None  # from another process it is none until it is replayed
+
+    @property
+    def _tubes(self) -> Tubes:
+        """Those of all curves."""
+        return joined([no_tubes(self.problem), *(curve.tubes for curve in self.curves)])
 
     @property
     def reason(self) -> str:
-        """The verdict in a sentence; of one that was loaded, what of it rests on the file (`source`)."""
-        return self._reason + of_file(self.source)
+        """The verdict in a sentence; where it is not computed from facts, what of it rests on the file (`source`)."""
+        return self._reason + of_file(None if self._covered is not None and self._whole else self.source)
 
     @property
     def _reason(self) -> str:
@@ -271,8 +298,7 @@ class SingularCover:
         """
         header, arrays = pack_reading(self.reading)
         header |= {"names": list(self.names), "tried": self.tried, "limit": self.limit, "resolution": self.resolution}
-        tubes = joined([no_tubes(self.problem), *(curve.tubes for curve in self.curves)])
-        records: dict[str, Any] = dict(zip(_RECORDS, (stated(tubes), self.ranges, self.uncovered), strict=True))
+        records: dict[str, Any] = dict(zip(_RECORDS, (stated(self._tubes), self.ranges, self.uncovered), strict=True))
         for part, record in records.items():
             arrays |= packed(part, record)
         arrays |= pack_region(self.region)
@@ -281,26 +307,31 @@ class SingularCover:
         store.write(path, CURVES, header, arrays)
 
     @classmethod
-    def load(cls, path: str | Path) -> SingularCover:
+    def load(cls, path: str | Path, *, replay: bool = False) -> SingularCover:
         """Read a cover that `save` wrote. If the file may have been altered, call `verify` or `auditing.verify`.
 
-        What follows from a tube (`tubes.proved_again`) is not in the file: it is formed anew.
+        Args:
+            path: The file.
+            replay: Whether to prove once more that curves run on from tube to tube, and that there are no others but
+                in boxes that are listed; that takes about as long as finding them. Tubes are proved in any case.
 
         Raises:
-            InvalidInputError: The file cannot be read or is none, or Theorem R does not hold for a tube in it.
+            InvalidInputError: The file cannot be read or is none, or what was proved of it is not found to hold.
         """
         with store.reading(path, CURVES) as (header, arrays):
             given, ranges, uncovered = (unpacked(part, kind, arrays) for part, kind in _RECORDS.items())
             reading = unpack_reading(header, arrays)
-            tubes, proved = proved_again(reading.problem, given)
-            if not np.all(proved):
-                raise InvalidInputError(f"tube {int(np.argmin(proved))} is not proved: the file was altered")
+            fact, proved = _again(reading.problem, given)
+            if len(proved) != len(given.half):
+                missing = np.setdiff1d(np.arange(len(given.half)), proved)
+                raise InvalidInputError(f"tube {missing[0]} is not proved: the file was altered")
+            tubes = tubes_of(fact.claim.equations, [fact])
             sizes = arrays["curve_tubes"].astype(np.int64)
             if sizes.sum() != len(proved):
                 raise InvalidInputError("curve_tubes are not as many as there are tubes")
             curve = np.repeat(np.arange(len(sizes)), sizes)
             chains = [TubeChain(tubes.take(curve == k), bool(end)) for k, end in enumerate(arrays["curve_closed"])]
-            return cls(
+            cover = cls(
                 names=tuple(header["names"]),
                 region=unpack_region(arrays),
                 reading=reading,
@@ -311,7 +342,23 @@ class SingularCover:
                 resolution=header["resolution"],
                 ranges=ranges,
                 source=str(path),
+                proved=ProvedCurves(fact, None, None),
             )
+            return cover.replayed() if replay else cover
+
+    def replayed(self) -> SingularCover:
+        """The same with all that is said of it proved once more; boxes that then are left are those uncovered.
+
+        Raises:
+            InvalidInputError: A tube is not, or not glued to the next as curves are: the file was altered.
+        """
+        try:
+            found = concluded(self)
+        except NotProvedError as error:
+            raise InvalidInputError(f"{error}: the file was altered") from error
+        if [(len(c.radius), c.closed) for c in found.curves] != [(len(c.radius), c.closed) for c in self.curves]:
+            raise InvalidInputError("curves are not glued from tube to tube: the file was altered")
+        return found
 
     def _thetas(self, q_free: ArrayLike) -> Array:
         chart = self.reading.chart
@@ -352,20 +399,51 @@ def searched(
     with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
         search = CurveSearch(Runner(problem, chosen, work.checkpoint, flag), place, chains)
         found = search.run(effort.resolution, effort.budget, effort.report, waiting)
-    plain = reading._replace(problem=search.plain)
-    curves = sorted((as_curve(plain, chain) for chain in found.chains), key=lambda curve: curve.kind)
-    return SingularCover(
-        names=names,
-        region=place.region,
-        reading=plain,
-        curves=tuple(curves),
-        uncovered=_uncovered(problem, found),
-        tried=tried + found.tried,
-        limit=found.limit,
-        resolution=effort.resolution,
-        ranges=place.ranges,
-        source=None if before is None else before.source,
-    )
+        plain = reading._replace(problem=search.plain)
+        curves = sorted((as_curve(plain, chain) for chain in found.chains), key=lambda curve: curve.kind)
+        proposed = SingularCover(
+            names=names,
+            region=place.region,
+            reading=plain,
+            curves=tuple(curves),
+            uncovered=_uncovered(problem, found),
+            tried=tried + found.tried,
+            limit=found.limit,
+            resolution=effort.resolution,
+            ranges=place.ranges,
+            source=None if before is None else before.source,
+        )
+        return concluded(proposed, problem)
+
+
+def concluded(cover: SingularCover, problem: Problem | None = None, believed: bool = False) -> SingularCover:
+    """A cover that is proposed, as the kernel has it: curves in tubes that are proved, and all that may be on none.
+
+    Args:
+        cover: What is proposed.
+        problem: The closures with bounds for boxes, if these are others.
+        believed: Whether boxes that may hold others are taken for what they are said to be, as they are where the work
+            was interrupted: then no fact says that there are no more.
+    """
+    given = [TubeChain(curve.tubes, curve.closed) for curve in cover.curves]
+    proved, chains = proved_chains(cover.problem, given)
+    cover = replace(cover, curves=tuple(as_curve(cover.reading, chain) for chain in chains), proved=proved)
+    if believed or not cover.complete:
+        return cover
+    effort = SearchEffort(cover.resolution, cover.tried, cover.limit is None)
+    fact = proved_cover(problem or cover.problem, cover.region, cover.ranges, effort, proved.tubes)
+    left, limit = UncoveredBoxes(fact.found["lower"], fact.found["upper"]), None
+    if fact.found["early"][0]:
+        limit = "budget" if fact.found["tried"][0] > fact.claim.most[0] else "interrupted"
+    return replace(cover, uncovered=left, limit=limit, proved=proved._replace(covered=fact))
+
+
+def _again(problem: Problem, given: Stated) -> tuple[Fact, Indices]:
+    """The fact about tubes of a file, and which are proved."""
+    try:
+        return proved_tubes(problem, given)
+    except NotProvedError as error:
+        raise InvalidInputError(f"{error}: the file was altered") from error
 
 
 def _uncovered(problem: Problem, found: Found) -> UncoveredBoxes:

@@ -1,40 +1,7 @@
 """Cusps: closed configurations proved to exist about which three solutions y over one q come together.
 
-Setting. θ = (q, y) as in `boxes`, n = 2, and l a fixed row vector. In x = (q, y, v, w) ∈ ℝ³ᵐ⁺²
-
-    F(x) = (φ(q, y),  φ_y v,  lv − 1,  φ_yy v v + φ_y w,  lw) = 0
-
-says that y(t) = y + vt + ½wt² fulfils φ(q, y(t)) = O(t³): the solutions over q touch to second order, and
-φ_y is singular.
-
-**Theorem C.** Where the lemma of `extended` holds for F at x₀ with r, exactly one x within r of x₀ has F(x) = 0, and
-there the projection (q, y) ↦ q of the closed configurations is a cusp in Whitney's sense: after smooth changes of q and
-of the configurations near it, it reads (a, t) ↦ (a, t³ + at). So
-
-1. the image of the singular configurations near it is a cuspidal curve; the q within its point have three solutions
-   near the cusp's configuration, the q outside of it one;
-2. the nonsingular ones among the configurations near it with outside it and on the two outer sheets within are
-   connected: a path in q about the cusp's point, from a q within to that q again, leads from one outer solution to the
-   other and meets no singular configuration.
-
-*Proof.* The lemma says that there is one solution, and that F′ is nonsingular there. Then ker φ_y is spanned by v: a
-k ≠ 0 with φ_y k = 0, lk = 0 would make w ↦ k a kernel of F′. By Lyapunov and Schmidt's reduction (y = vt + y⊥(q, t),
-l y⊥ = 0) the closed configurations near it are the zeros of
-one smooth g(q, t), and F = 0 reads g = g_t = g_tt = 0. F′ is nonsingular exactly if the derivative of (g, g_t, g_tt)
-by (q, t) is, that is if g_ttt ≠ 0 and g_q, g_tq are independent: a versal unfolding of t³ (Whitney 1955; Golubitsky
-and Schaeffer, "Singularities and groups in bifurcation theory I", 1985). 2 is read off t³ + at = b: for a path
-about (0, 0) in the plane of (a, b) that begins and ends at a < 0, b = 0, the root followed is the largest at one
-end and the least at the other and is simple all along. ∎
-
-Δ. With τ_i bounding every third and fourth derivative of φ_i on the ball (`ccpin.proof.reach_bounds.chain_reach`; a
-derivative of a chain's tip of any order is at most ρ of its deepest joint), P = n′ and V = |v₀|₁ + mr,
-
-    |φ_θθ − φ_θθ(θ₀)| ≤ τPr,     |φ_θ − φ_θ(θ₀)| ≤ (|φ_θθ(θ₀)|1 + τP²r) r,
-    |φ_θθv − φ_θθ(θ₀)v₀| ≤ |φ_θθ(θ₀)|1 r + τPrV,     likewise for w,
-    |φ_θθθvv − φ_θθθ(θ₀)v₀v₀| ≤ τ(PV² + 2mV) r.
-
-Rounding: γ · magnitude for every entry of φ and its first two derivatives and twice that for the third, times 1 +
-|v₀|₁, 1 + |w₀|₁ and |v₀|₁² where they enter.
+They are looked for where curves of folds turn their curvature over; that one is there is Theorem C of
+`ccpin/proof/theorems/cusps.md`, of which the kernel makes facts (`ccpin.proof.zeros`).
 """
 
 from __future__ import annotations
@@ -44,22 +11,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, apply, records, rows_of
-from ccpin.covering.proposals.solving import closure_derivatives, solved
+from ccpin.arrays import Array, apply, records
+from ccpin.covering.claims import proved_zeros
+from ccpin.covering.proposals.solving import closure_derivatives
 from ccpin.covering.region import Corners, corners_of
 from ccpin.domain.closures.system import Reading, reading_of
 from ccpin.domain.singular.sampled import SingularCurve, singularities
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.proof.equations import Derivatives, Problem, third_bound
-from ccpin.proof.newton import proved_within, without_turns
-from ccpin.proof.tips import third_along
+from ccpin.proof.equations import Problem, closures_of
+from ccpin.proof.newton import without_turns
+from ccpin.proof.prolongations import Prolongation
+from ccpin.proof.zeros import Cusps
 
 _STEPS = 40
 _SAME = 1e-6
 
 
 class Cusp(NamedTuple):
-    """A cusp that is proved (Theorem C of `ccpin.domain.cusps`).
+    """A cusp that is proved (Theorem C of `proof/theorems/cusps.md`).
 
     Attributes:
         q: The independent coordinates, of shape (2,), in the scalar coordinates of certificates.
@@ -72,119 +41,6 @@ class Cusp(NamedTuple):
     q_free: Array
     kernel: Array
     error: float
-
-
-class _CuspPoint(NamedTuple):
-    """x and what F needs there, of B points."""
-
-    theta: Array
-    v: Array
-    w: Array
-    values: Derivatives
-
-    def take(self, rows: Indices) -> _CuspPoint:
-        return _CuspPoint(self.theta[rows], self.v[rows], self.w[rows], rows_of(self.values, rows))
-
-
-class _CuspEquations:
-    """F about B singular configurations, with l of each (B, m)."""
-
-    def __init__(self, problem: Problem, pairing: Array) -> None:
-        self.problem, self.pairing = problem, pairing
-        system = problem.system
-        self.n, self.m = system.n, system.m
-        self.order = np.concatenate([system.independent, system.dependent])
-
-    def take(self, rows: Indices) -> _CuspEquations:
-        return _CuspEquations(self.problem, self.pairing[rows])
-
-    def start(self, theta: Array) -> Array:
-        """x with v the weakest direction and the w that fits best."""
-        system, values = self.problem.system, closure_derivatives(self.problem, theta)
-        slope = values.jacobian[:, :, system.dependent]
-        bent = _along(values.hessian, self._whole(self.pairing))[:, :, system.dependent]
-        tall = np.concatenate([slope, self.pairing[:, None]], axis=1)
-        right = np.concatenate([-apply(bent, self.pairing), np.zeros((len(theta), 1))], axis=1)
-        return np.concatenate([theta[:, self.order], self.pairing, apply(np.linalg.pinv(tall), right)], axis=1)
-
-    def at(self, x: Array) -> _CuspPoint:
-        size = self.n + self.m
-        theta = np.empty((len(x), size))
-        theta[:, self.order] = x[:, :size]
-        values = closure_derivatives(self.problem, theta)
-        return _CuspPoint(theta, x[:, size : size + self.m], x[:, size + self.m :], values)
-
-    def value(self, point: _CuspPoint) -> Array:
-        dependent = self.problem.system.dependent
-        slope = point.values.jacobian[:, :, dependent]
-        bent = _along(point.values.hessian, self._whole(point.v))[:, :, dependent]
-        paired = [
-            np.sum(self.pairing * point.v, axis=1, keepdims=True) - 1.0,
-            np.sum(self.pairing * point.w, 1)[:, None],
-        ]
-        third = apply(bent, point.v) + apply(slope, point.w)
-        return np.concatenate([point.values.phi, apply(slope, point.v), paired[0], third, paired[1]], axis=1)
-
-    def slope(self, point: _CuspPoint) -> Array:
-        system, stack = self.problem.system, self.problem.stack
-        v, w = self._whole(point.v), self._whole(point.w)
-        jacobian, bent = point.values.jacobian, _along(point.values.hessian, v)
-        curled = apply(third_along(system, stack, point.theta, v), v[:, None]) + _along(point.values.hessian, w)
-        result = self._assembled(jacobian, bent, curled)
-        first = self.n + self.m
-        result[:, 2 * self.m, first : first + self.m] = self.pairing
-        result[:, -1, first + self.m :] = self.pairing
-        return result
-
-    def _assembled(self, jacobian: Array, bent: Array, curled: Array) -> Array:
-        """The blocks of F′ from φ_θ, φ_θθv and φ_θθθvv + φ_θθw, without the rows of l."""
-        m, size = self.m, self.n + self.m
-        slope = jacobian[:, :, self.problem.system.dependent]
-        result = np.zeros((len(jacobian), 3 * m + 2, 3 * m + 2))
-        result[:, :m, :size] = jacobian[:, :, self.order]
-        result[:, m : 2 * m, :size] = bent[:, :, self.order]
-        result[:, m : 2 * m, size : size + m] = slope
-        result[:, 2 * m + 1 : -1, :size] = curled[:, :, self.order]
-        result[:, 2 * m + 1 : -1, size : size + m] = 2.0 * bent[:, :, self.problem.system.dependent]
-        result[:, 2 * m + 1 : -1, size + m :] = slope
-        return result
-
-    def drift(self, point: _CuspPoint, radius: Array) -> Array:
-        """Δ for radii (B,)."""
-        size, m, r = self.n + self.m, self.m, radius[:, None, None]
-        third = self._third(point, radius)[:, :, None]
-        hessian = np.abs(point.values.hessian)
-        total, partial = hessian.sum(axis=3), hessian[..., self.problem.system.dependent].sum(axis=3)
-        v, w = (np.abs(u).sum(axis=1)[:, None, None] + m * r for u in (point.v, point.w))
-        turned = (total + third * size**2 * r) * r
-        bent = partial * r + third * size * r * v
-        curled = third * (size * v**2 + 2.0 * m * v) * r + partial * r + third * size * r * w
-        return self._assembled(turned, bent, curled)
-
-    def rounding(self, point: _CuspPoint) -> Array:
-        """The rounding error of the entries of F′, of shape (B, 3m + 2, 3m + 2)."""
-        unit = np.broadcast_to(self._margin(np.abs(point.theta))[:, None, None], point.values.jacobian.shape)
-        v, w = (1.0 + np.abs(u).sum(axis=1)[:, None, None] for u in (point.v, point.w))
-        return self._assembled(unit, unit * v, unit * (2.0 * v**2 + w))
-
-    def _margin(self, reach: Array) -> Array:
-        return self.problem.system.rounding * self.problem.system.magnitude(reach)
-
-    def _third(self, point: _CuspPoint, radius: Array) -> Array:
-        """τ, of shape (B, m)."""
-        box = np.tile(radius[:, None], point.theta.shape[1])
-        return third_bound(self.problem, point.theta, point.values.arms, box)
-
-    def _whole(self, y: Array) -> Array:
-        """Dependent coordinates (B, m) among all of them, (B, n′)."""
-        whole = np.zeros((len(y), self.n + self.m))
-        whole[:, self.problem.system.dependent] = y
-        return whole
-
-
-def _along(hessian: Array, v: Array) -> Array:
-    """φ_θθ v, of shape (B, m, n′)."""
-    return np.asarray((hessian @ v[:, None, :, None])[..., 0])
 
 
 def cusps(
@@ -254,26 +110,22 @@ def _turning(problem: Problem, theta: Array, closed: bool) -> Array:
 
 
 def proved_cusps(reading: Reading, theta: Array) -> list[Cusp]:
-    """The cusps that Newton's method finds from singular configurations θ (B, n′) and Theorem C proves."""
+    """The cusps that Newton's method finds from singular configurations θ (B, n′) and the kernel proves."""
     if not len(theta):
         return []
-    problem, independent = reading.problem, reading.system.independent
-    slope = closure_derivatives(problem, theta).jacobian[:, :, problem.system.dependent]
-    equations = _CuspEquations(problem, np.linalg.svd(slope)[2][:, -1])
-    with np.errstate(all="ignore"):
-        point = equations.at(solved(equations, equations.start(theta), _STEPS))
-        error = _proved_within(equations, point)
+    problem, system = reading.problem, reading.system
+    values = closure_derivatives(problem, theta)
+    inner = values.jacobian[:, :, system.dependent]
+    weak = np.linalg.svd(inner)[2][:, -1]
+    curved = np.einsum("bmij,bi,bj->bm", values.hessian[:, :, system.dependent][..., system.dependent], weak, weak)
+    tall = np.concatenate([inner, weak[:, None]], axis=1)
+    curl = apply(np.linalg.pinv(tall), np.concatenate([-curved, np.zeros((len(theta), 1))], axis=1))  # fits best
+    none, plane = np.zeros((len(theta), 2)), np.tile(np.eye(2), (len(theta), 1, 1))
+    planes = Prolongation(closures_of(problem), theta[:, system.independent], plane, weak)
+    start = np.concatenate([none, theta[:, system.dependent], weak, curl], axis=1)
+    x, error, _ = proved_zeros(problem, Cusps, planes, start, _STEPS)
+    ended, kernel = planes.theta(x), x[:, 2 + system.m : 2 + 2 * system.m]
     return [
-        Cusp(point.theta[k, independent], reading.configuration(point.theta[k]), point.v[k], float(error[k]))
+        Cusp(ended[k, system.independent], reading.configuration(ended[k]), kernel[k], float(error[k]))
         for k in np.flatnonzero(np.isfinite(error))
     ]
-
-
-def _proved_within(equations: _CuspEquations, point: _CuspPoint) -> Array:
-    """The r of Theorem C, of shape (B,); NaN where none of those tried will do."""
-    weight = 1.0 + np.abs(point.v).sum(axis=1) + np.abs(point.w).sum(axis=1)
-
-    def drift(rows: Indices, radius: Array) -> Array:
-        return equations.take(rows).drift(point.take(rows), radius)
-
-    return proved_within(equations.value(point), equations.slope(point), weight, equations.rounding(point), drift)

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, joined, rows_of
-from ccpin.domain.singular.curve_equations import onto_curves, values_at
-from ccpin.domain.singular.tubes import Points, Tubes, glued, longest, places_in
+from ccpin.arrays import Array, Mask, apply, joined, rows_of, solve_many
+from ccpin.proof.curves.curve_equations import Values, first_order, values_at
+from ccpin.proof.curves.tubes import Points, Tubes, bounds_of, certify_tubes, frames_at, glued, places_in
 from ccpin.proof.equations import Problem
 
 _FIRST = np.geomspace(0.4, 1e-4, 40)
@@ -18,6 +18,8 @@ _LEAST = 1e-5
 _STEPS = 6
 _ON = (0.95, 0.6, 0.3)  # of a tube's half length: where the next one is centred
 _SAME = 1e-9
+_SHAPED = 2
+_SETTLED, _FAR = 1e-7, 1.0
 MOST_TUBES = 20_000
 """Of one curve."""
 
@@ -92,3 +94,44 @@ def _next(problem: Problem, tube: Tubes) -> Tubes | None:
         if found is not None and bool(glued(problem, tube, found)[0]):
             return found
     return None
+
+
+def longest(problem: Problem, values: Values, sizes: Array, forward: Array | None = None) -> Tubes | None:
+    """About one point of a curve the tube of greatest length of those tried (K,); ``None`` where none is proved.
+
+    Its s grows along `forward` (N,), if given. The radii are at most δ, and in proportion to what Z leaves of them.
+    """
+    frames = frames_at(values.slope, forward)
+    if not np.isfinite(frames.gain).all():
+        return None
+    rows = np.zeros(len(sizes), dtype=np.intp)
+    values, frames = rows_of(values, rows), rows_of(frames, rows)
+    inner = np.arange(values.slope.shape[2])[None] != frames.along[:, None]
+    shape = np.where(inner, 1.0, 0.0)
+    with np.errstate(all="ignore"):
+        for _ in range(_SHAPED):
+            bounds = bounds_of(problem, values, frames, sizes, shape * sizes[:, None])
+            image = bounds.y + apply(bounds.z, shape * sizes[:, None])
+            shape = shape + image / image.max(axis=1, keepdims=True)
+            shape = shape / shape.max(axis=1, keepdims=True)
+    found = certify_tubes(problem, values, frames, sizes, shape * sizes[:, None])
+    best = np.flatnonzero(found.proved)
+    return found.tubes.take(best[[int(np.argmax(sizes[best]))]]) if best.size else None
+
+
+def onto_curves(problem: Problem, theta: Array, kernel: Array, steps: int) -> tuple[Array, Array, Mask]:
+    """θ and unit w after Newton steps of least norm from θ (B, n′) and w (B, m), and which have settled (B,)."""
+    size, settled = problem.system.n_free, np.zeros(len(theta), dtype=np.bool_)
+    for _ in range(steps):
+        kernel = kernel / np.maximum(np.linalg.norm(kernel, axis=1, keepdims=True), 1e-300)
+        value, slope, _ = first_order(problem, theta, kernel, kernel)
+        flat = np.swapaxes(slope, 1, 2)
+        move = -apply(flat, solve_many(slope @ flat, value))
+        length = np.abs(move).max(axis=1)
+        usable = np.isfinite(length) & (length < _FAR)
+        theta = theta + np.where(usable[:, None], move[:, :size], 0.0)
+        kernel = kernel + np.where(usable[:, None], move[:, size:], 0.0)
+        settled = usable & (length < _SETTLED)
+        if settled.all():
+            break
+    return theta, kernel / np.linalg.norm(kernel, axis=1, keepdims=True), settled

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
-from ccpin.domain.singular.curve_equations import values_at
 from ccpin.domain.singular.following import TubeChain
-from ccpin.domain.singular.settled_boxes import Nearby
-from ccpin.domain.singular.tubes import Frames, Points, Tubes, bounds_of, glued, inverse_without, places_in, zeros_in
+from ccpin.proof.curves.curve_equations import values_at
+from ccpin.proof.curves.settled_boxes import Nearby
+from ccpin.proof.curves.tubes import Frames, Points, Tubes, bounds_of, glued, inverse_without, places_in, zeros_in
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import without_turns
 from ccpin.proof.rounding import SLACK

@@ -17,7 +17,7 @@ from ccpin.covering.faces import CellFaces, contacts_of
 from ccpin.covering.proposals.solving import newton
 from ccpin.covering.region import Region
 from ccpin.covering.runner import Runner
-from ccpin.domain.singular.folds import Folds, SingularPoints, singular_points
+from ccpin.domain.singular.folds import Folds, SearchedLines, singular_points
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, predict
 from ccpin.proof.rounding import blur
@@ -78,7 +78,7 @@ def sigma_at(problem: Problem, tree: CellTree, region: Region, boxes: Boxes, con
 
 
 def _marked(
-    tree: CellTree, region: Region, found: SingularPoints, independent: Indices, stretch: Array
+    tree: CellTree, region: Region, found: SearchedLines, independent: Indices, stretch: Array
 ) -> SingularCells:
     """Mark the undecided leaves that hold a singular q with its error, and with what rounds q₀ + s d and its turns."""
     theta = found.theta.copy()

@@ -9,6 +9,9 @@ tubes, or in a box that one of them lists.
 A search goes beyond the bounds of its region by more than rounding sets two bounds apart (`candidates.BEYOND`), so that
 nothing is between them. Curves that are proved to be one are listed as one, in tubes that hold all that theirs held
 (`joining`). Where that is not proved both stay: the claim is the same, and one curve is listed twice.
+
+None of this is believed where all covers were proved here: the kernel looks at the whole region once more, with the
+tubes that are listed. Where one was read from a file the whole rests on that file, by the proposition.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from ccpin.arrays import Array, Mask, joined
 from ccpin.covering.region import Region
 from ccpin.domain.closures.packing import same_reading
 from ccpin.domain.singular.curve import as_curve
-from ccpin.domain.singular.curves import SingularCover
+from ccpin.domain.singular.curves import SingularCover, concluded
 from ccpin.domain.singular.following import TubeChain
 from ccpin.domain.singular.joining import one_of_each
 from ccpin.errors import InvalidInputError
@@ -43,7 +46,7 @@ def merge_covers(covers: Sequence[SingularCover]) -> SingularCover:
     chains = [TubeChain(curve.tubes, curve.closed) for cover in covers for curve in cover.curves]
     curves = [as_curve(first.reading, chain) for chain in one_of_each(first.problem, chains)]
     region = filled(first.problem, [cover.region for cover in covers])
-    return replace(
+    proposed = replace(
         first,
         region=region,
         ranges=ranges_over(first.problem.system, first.ranges, (region.lower, region.upper)),
@@ -53,6 +56,8 @@ def merge_covers(covers: Sequence[SingularCover]) -> SingularCover:
         limit=next((limit for limit in _LIMITS if any(cover.limit == limit for cover in covers)), None),
         resolution=max(cover.resolution for cover in covers),
     )
+    told = any(cover.proved is None or cover.proved.covered is None for cover in covers)
+    return concluded(proposed, believed=told)
 
 
 def _refuse_others(first: SingularCover, other: SingularCover, k: int) -> None:

@@ -54,7 +54,7 @@ class SingularCurve(NamedTuple):
         q: Image in the independent coordinates, of shape (k, 2); one row for a self-motion.
         q_free: Configurations, of shape (k, nq).
         closed: Whether the curve returns to its start (turns of 2π of a joint not counted).
-        error: How near each point is to a configuration proved to be singular (Theorem S of `singular.folds`), rad or
+        error: How near each point is to a configuration proved to be singular (Theorem S), rad or
             m; NaN where none is proved: on serial curves, self-motions, and where a fold is not simple. Of shape
             (k,).
     """

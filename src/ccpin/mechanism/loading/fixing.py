@@ -10,15 +10,7 @@ import pinocchio as pin
 
 from ccpin.arrays import Array
 from ccpin.description.joint_kinds import FIXED
-from ccpin.description.model import (
-    Coupling,
-    Joint,
-    LoopClosure,
-    MechanismDescription,
-    frame,
-    inverse,
-    rotation_to,
-)
+from ccpin.description.model import Coupling, Joint, LoopClosure, MechanismDescription, frame, inverse, rotation_to
 from ccpin.description.names import choices
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.tree import ROOT_JOINT, Tree, TreeJoint
@@ -59,10 +51,7 @@ def fixed(
         left = next(term.joint for term in coupling.terms if term.joint not in still)
         still.append(left)
         follows.append(f"'{left}' is locked too: coupling '{coupling.name}' leaves it no motion")
-    placed = tree.scratch.take()
-    pin.forwardKinematics(tree.model, placed, q_free)
-    inside = {joint.name: placed.liMi[joint.number].homogeneous.copy() for joint in tree.joints}
-    tree.scratch.give(placed)
+    inside = _placed(tree, q_free)
     driven = [name for name in description.actuated or () if name in still]
     if driven:
         follows.append(f"motors of {', '.join(driven)} are left out: the joints are locked")
@@ -89,6 +78,13 @@ def fixed(
         reference=without(description.reference),
         poses={name: without(pose) for name, pose in description.poses.items()},
     ), follows
+
+
+def _placed(tree: Tree, q_free: Array) -> dict[str, Array]:
+    """Each joint's moving frame (4, 4) in that of the joint that carries it."""
+    with tree.scratch.lent() as data:
+        pin.forwardKinematics(tree.model, data, q_free)
+        return {joint.name: data.liMi[joint.number].homogeneous.copy() for joint in tree.joints}
 
 
 def _joints(coupling: Coupling) -> list[str]:
@@ -137,10 +133,7 @@ def component_locks(tree: Tree, q_free: Array, joint: TreeJoint, components: Seq
     angle, one fixed in the carrying body and one in the joint's own: of a ball a universal joint about the two is left.
     """
     parent, child = joint.stated.parent, joint.stated.child
-    placed = tree.scratch.take()
-    pin.forwardKinematics(tree.model, placed, q_free)
-    reference = placed.liMi[joint.number].homogeneous.copy()
-    tree.scratch.give(placed)
+    reference = _placed(tree, q_free)[joint.name]
     b, a = (inverse(tree.attachments[link].placement) for link in (child, parent))
     closures = []
     for component in components:

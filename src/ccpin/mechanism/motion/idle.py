@@ -58,12 +58,7 @@ class Idle(NamedTuple):
 
 
 def idle_motions(
-    constraints: Constraints,
-    tree: Tree,
-    tangent: Tangent,
-    pose: Array,
-    heavy: Container[int],
-    carriers: Container[int],
+    constraints: Constraints, tree: Tree, tangent: Tangent, pose: Array, heavy: Container[int], carriers: Container[int]
 ) -> list[Idle]:
     """The mobilities of a cluster that move bodies of a loop that go together, and nothing else.
 
@@ -101,10 +96,9 @@ class _Allowed:
     """What the loops allow the bodies of a cluster at one configuration."""
 
     def __init__(self, constraints: Constraints, tree: Tree, tangent: Tangent, bodies: Sequence[int]) -> None:
-        data = constraints.scratch.take()
-        self.spatial = six_rows(pin.computeJointJacobians(tree.model, data, tangent.q_free)).copy()
-        self.poses = np.array([place.homogeneous for place in data.oMi])
-        constraints.scratch.give(data)
+        with constraints.scratch.lent() as data:
+            self.spatial = six_rows(pin.computeJointJacobians(tree.model, data, tangent.q_free))
+            self.poses = np.array([place.homogeneous for place in data.oMi])
         self.tree, self.basis = tree, tangent.basis(tangent.rank)
         self.twists = {j: self.twist(j) @ self.basis for j in bodies}
 

@@ -210,7 +210,7 @@ def _triples(mechanism: Mechanism, used: set[str]) -> Iterator[Triple]:
         names = {joint.name for joint in chain}
         if len(chain) < 3 or not all(_free(joint) for joint in chain) or (names | set(between)) & used or names & taken:
             continue
-        if any(_has_mass(tree, joint) for joint in chain[:2]):
+        if any(np.any(tree.model.inertias[joint.number].toDynamicParameters()) for joint in chain[:2]):
             continue
         triple = _concurrent(tree, (chain[0], chain[1], chain[2]))
         if triple is not None:
@@ -223,10 +223,6 @@ def _free(joint: TreeJoint) -> bool:
     stated = joint.stated
     acted = stated.damping or stated.friction or stated.stiffness or stated.armature
     return joint.kind.nv == 1 and not joint.kind.sliding and not acted
-
-
-def _has_mass(tree: Tree, joint: TreeJoint) -> bool:
-    return bool(np.any(tree.model.inertias[joint.number].toDynamicParameters()))
 
 
 def _concurrent(tree: Tree, joints: tuple[TreeJoint, TreeJoint, TreeJoint]) -> Triple | None:

@@ -130,7 +130,7 @@ class _ModelReader:
 
     def _steps(self, joint: Any, name: str) -> list[tuple[Joint, Array]]:
         """The motions of a joint in order, each with its frame (4, 4) in the one before."""
-        word, said = joint.shortname(), self._extracted(joint)
+        word, said = joint.shortname(), joint.extract() if hasattr(joint, "extract") else joint
         if "Composite" in word:
             parts = zip(said.joints, said.jointPlacements, strict=True)
             found = []
@@ -173,9 +173,6 @@ class _ModelReader:
         master = next(str(self.model.names[other]) for mimicking, other in pairs if mimicking == number)
         terms = CouplingTerm(name, (-said.offset, 1.0)), CouplingTerm(master, (0.0, -said.scaling))
         self.couplings.append(Coupling(f"mimic_{name}", terms))
-
-    def _extracted(self, joint: Any) -> Any:
-        return joint.extract() if hasattr(joint, "extract") else joint
 
     def _columns(self, joint: Any) -> Array:
         """The joint's motion subspace at the neutral configuration, of shape (6, velocities)."""

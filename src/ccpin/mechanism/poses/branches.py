@@ -17,8 +17,6 @@ import pinocchio as pin
 from ccpin.arrays import Array
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.coordinates import IndependentCoordinates
-from ccpin.kinematics.least_squares import Linearized
-from ccpin.kinematics.linear import factorize
 from ccpin.kinematics.parametrization import Parametrization
 from ccpin.kinematics.tree import Tree
 from ccpin.mechanism.poses.loop_closing import solve
@@ -79,21 +77,15 @@ def others(cluster: Settlement, independent: tuple[str, ...], count: int) -> lis
     coordinates = IndependentCoordinates(cluster.tree, independent, cluster.reference)
     parametrization = Parametrization(constraints, coordinates, cluster.reference)
     q = coordinates.alpha(cluster.reference)
-
-    def linearize(q_free: Array) -> Linearized:
-        value = constraints.value(q_free)
-        gap = -coordinates.difference(coordinates.alpha(q_free), q)
-        return Linearized(np.concatenate([value.phi, gap]), np.vstack([value.jacobian, coordinates.jacobian(q_free)]))
-
-    likeness = Likeness(cluster.tree, constraints)
+    equations, likeness = parametrization.equations(q), Likeness(cluster.tree, constraints)
     known, found = [likeness.poses(cluster.reference)], list[Array]()
     for start in _starts(cluster, count):
-        attempt = solve(model, linearize, coordinates.embed(q, start))
+        attempt = solve(model, equations, coordinates.embed(q, start))
         if not (attempt.closed and constraints.aligned(attempt.q_free) and within_limits(model, attempt.q_free)):
             continue
         poses = likeness.poses(attempt.q_free)
         new = not any(likeness.alike(poses, other) for other in known)
-        if new and factorize(parametrization.psi_jacobian(attempt.q_free)).rcond > _REGULAR:
+        if new and parametrization.rcond(attempt.q_free) > _REGULAR:
             known.append(poses)
             found.append(attempt.q_free)
     return found

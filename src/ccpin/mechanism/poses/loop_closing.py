@@ -77,16 +77,10 @@ def aligning_rows(constraints: Constraints, q_free: Array) -> Linearized:
     the smallest rotation that takes a closure's directions on B to those on A is by θ about the unit vector n. They
     lead away from θ = π, where n is one of several. A single direction's rows are in axes that turn with the ancestor.
     """
-    phi, jacobian = position_rows(constraints, q_free)
-    rows, derivatives = [phi], [jacobian]
-    data = constraints.scratch.take()
-    pin.computeJointJacobians(constraints.model, data, q_free)
-    for loop in constraints.loops:
-        if loop.turnable:
-            row, derivative = _rotation(loop, data)
-            rows.append(row)
-            derivatives.append(derivative)
-    constraints.scratch.give(data)
+    with constraints.scratch.lent() as data:
+        pin.computeJointJacobians(constraints.model, data, q_free)
+        turns = [_rotation(loop, data) for loop in constraints.loops if loop.turnable]
+    rows, derivatives = zip(position_rows(constraints, q_free), *turns, strict=True)
     return Linearized(np.concatenate(rows), np.vstack(derivatives))
 
 

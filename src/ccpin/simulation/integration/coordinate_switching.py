@@ -104,7 +104,8 @@ class CoordinateSwitching:
     @property
     def balls(self) -> tuple[str, ...]:
         """The ball joints that the motion is on."""
-        return () if self._balls is None or self.own is self.home else self._balls.names
+        balls = self._balls_of(self.model)
+        return () if balls is None else balls.names
 
     def reported(self, state: State, v: Array) -> ReportedState:
         """Where a motion is, as it is reported."""
@@ -116,29 +117,35 @@ class CoordinateSwitching:
 
     def told(self, state: State) -> Array:
         """q′ likewise, in the columns of `home`'s joints."""
-        if self._balls is None or self._own(state.model) is self.home:
-            return state.q_free
-        self._told = frozen(self._balls.told(state.q_free, self._told))
-        return self._told
+        balls = self._balls_of(state.model)
+        return state.q_free if balls is None else self._tell(balls, state.q_free)
 
     def told_rate(self, state: State, v_free: Array) -> Array:
         """q̇′ likewise; also of several columns."""
-        if self._balls is None or self._own(state.model) is self.home:
-            return v_free
-        return self._balls.told_rate(self.told(state), v_free)
+        balls = self._balls_of(state.model)
+        return v_free if balls is None else balls.told_rate(self.told(state), v_free)
 
     def told_forces(self, state: State, forces: Array) -> Array:
         """Forces on joints likewise."""
-        if self._balls is None or self._own(state.model) is self.home:
-            return forces
-        return self._balls.told_forces(forces)
+        balls = self._balls_of(state.model)
+        return forces if balls is None else balls.told_forces(forces)
 
     def told_row(self, q_free: Array, v_free: Array) -> tuple[Array, Array]:
         """q′ and q̇′ likewise, of q′ and q̇′ of `model`."""
-        if self._balls is None or self.own is self.home:
+        balls = self._balls_of(self.model)
+        if balls is None:
             return q_free, v_free
-        self._told = frozen(self._balls.told(q_free, self._told))
-        return self._told, frozen(self._balls.told_rate(self._told, v_free))
+        told = self._tell(balls, q_free)
+        return told, frozen(balls.told_rate(told, v_free))
+
+    def _tell(self, balls: Balls, q_free: Array) -> Array:
+        """q′ likewise, nearest to the one told before."""
+        self._told = frozen(balls.told(q_free, self._told))
+        return self._told
+
+    def _balls_of(self, model: StateModel) -> Balls | None:
+        """The balls that a model has in place of `home`'s joints, if it has any."""
+        return None if self._balls is None or self._own(model) is self.home else self._balls
 
     def seen(self, state: State) -> State:
         """A State as a caller sees it, on `home`'s joints.
@@ -146,10 +153,11 @@ class CoordinateSwitching:
         Raises:
             SingularConfigurationError: In gimbal lock there is none.
         """
-        if self._balls is None or self._own(state.model) is self.home:
+        balls = self._balls_of(state.model)
+        if balls is None:
             return state
         told, home = self.told(state), self.home
-        names = best_independent(home.mechanism, told, self._balls.told_rate(told, state.rho))
+        names = best_independent(home.mechanism, told, balls.told_rate(told, state.rho))
         if names == home.mechanism.independent:
             return home.at(home.alpha(told), told)
         sibling = ReducedModel(with_independent(home.mechanism, names, told), home.gravity_vector)

@@ -31,11 +31,11 @@ _COLUMNS = tuple(name for name in SAMPLED if name not in ("friction", "limits"))
 
 
 class CoreRun(NamedTuple):
-    """What the compiled core answers, in its order: the first `done` rows of the columns hold samples.
+    """What the compiled core answers.
 
     Attributes:
-        done: How many samples there are. t, q, v, a, u, q_free, v_free, closure_error: their columns. a_free: the
-            column of q̈′, of runs that may leave their coordinates alone.
+        columns: The samples, by the fields of `StateSample` but friction and limits.
+        a_free: q̈′ at each, of runs that may leave their coordinates alone.
         ended: How it ended: ``finished``, ``settled``, ``evaluations`` or ``seconds`` spent, ``interrupted``, or
             ``left``: where coordinates are to be left, or where only the reference can tell.
         since: Since when it is settled. evaluations: of the equations of motion.
@@ -45,15 +45,7 @@ class CoreRun(NamedTuple):
             chosen). creeping: how many steps in a row were next to nothing.
     """
 
-    done: int
-    t: Array
-    q: Array
-    v: Array
-    a: Array
-    u: Array
-    q_free: Array
-    v_free: Array
-    closure_error: Array
+    columns: dict[str, Array]
     a_free: Array
     ended: str
     since: float
@@ -66,10 +58,12 @@ class CoreRun(NamedTuple):
     first_step: float
     creeping: int
 
-    @property
-    def columns(self) -> dict[str, Array]:
-        """The samples, by the fields of `StateSample` but friction and limits."""
-        return {name: getattr(self, name)[: self.done] for name in _COLUMNS}
+    @classmethod
+    def of(cls, done: int, *answer: Any) -> CoreRun:
+        """From the core's answer: in how many rows of its columns there are samples, these, q̈′, and the rest."""
+        count = len(_COLUMNS)
+        columns = {name: column[:done] for name, column in zip(_COLUMNS, answer[:count], strict=True)}
+        return cls(columns, answer[count][:done], *answer[count + 1 :])
 
     @property
     def stop(self) -> Stop | None:
@@ -78,7 +72,7 @@ class CoreRun(NamedTuple):
             return None
         if self.ended == "settled":
             return Stop.settled(self.since)
-        t = float(self.t[self.done - 1])
+        t = float(self.columns["t"][-1])
         return Stop.exhausted(t, self.ended) if self.raised is None else Stop.broken_off(t, self.raised)
 
     def instant(self, model: StateModel) -> Instant:
@@ -90,8 +84,7 @@ class CoreRun(NamedTuple):
         found, home = self.columns, switching.home
         reading = found["q"], found["v"], found["a"]
         if switching.model is not home:
-            a_free = self.a_free[: self.done]
-            reading = switching.own.coordinates.readings(found["q_free"], found["v_free"], a_free)
+            reading = switching.own.coordinates.readings(found["q_free"], found["v_free"], self.a_free)
         nothing = np.zeros(home.mechanism.n_free)
         samples = []
         columns = found["t"], *reading, found["q_free"], found["v_free"], found["closure_error"]
@@ -137,7 +130,7 @@ def run_in_core(
     run |= {"start": np.concatenate([start.state.q, start.v])} | ({} if settling is None else settling._asdict())
     laws = () if nominal is None else (nominal.core, of_own(nominal, start.state, own.near).q_free)
     answer = model.core.simulate(start.state.q_free, told, run, TABLEAUX[method], *laws)
-    return None if answer is None else CoreRun(*answer)
+    return None if answer is None else CoreRun.of(*answer)
 
 
 class ConstantEffortRuns:
@@ -177,4 +170,4 @@ class ConstantEffortRuns:
         run |= {"begin": t, "start": np.concatenate([state.q, v])}
         run |= {"wrenches": switching.wrenches, "leaving": switching.leaving()}
         answer = state.model.core.simulate(state.q_free, constant_law(effort), run, self._tableau)
-        return None if answer is None else CoreRun(*answer)
+        return None if answer is None else CoreRun.of(*answer)

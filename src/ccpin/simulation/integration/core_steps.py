@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Mask, frozen
+from ccpin.control.laws import HeldEffort
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import StateModel
 from ccpin.simulation.events.samples import EventRecord, StateSample
 from ccpin.simulation.events.watches import Instant
 from ccpin.simulation.integration.core_numbers import TABLEAUX
 from ccpin.simulation.integration.run import Run
-from ccpin.simulation.plant.commands import HeldEffort
 from ccpin.simulation.plant.plant import EffortBounds
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import integrate
 
 from ccpin.arrays import Array, choice, frozen, instance, number, positive, records, step_or_infinite, vector
-from ccpin.control.laws import ControlLaw
+from ccpin.control.laws import ControlLaw, HeldEffort
 from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
@@ -34,7 +34,7 @@ from ccpin.simulation.integration.notes import on_balls, stepped_in_python
 from ccpin.simulation.integration.recorder import Recorder, sample_times
 from ccpin.simulation.integration.run import IntegrationSettings, Run
 from ccpin.simulation.integration.step_size import natural_step
-from ccpin.simulation.plant.commands import CheckedLaw, HeldEffort, LawLike, law_of
+from ccpin.simulation.plant.commands import CheckedLaw, LawLike, law_of
 from ccpin.simulation.plant.contact import Contact
 from ccpin.simulation.plant.friction import FrictionLike, JointFriction, joint_friction
 from ccpin.simulation.plant.limits import Limits

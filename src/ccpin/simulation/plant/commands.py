@@ -1,4 +1,4 @@
-"""What a simulator takes for a law: what users give, a held effort, and a law whose efforts are looked at."""
+"""What a simulator takes for a law: what users give, and a law whose efforts are looked at."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, numbers
 from ccpin.control.laws import ControlLaw, Measurement, NoTorque, TorqueFunction
-from ccpin.control.statements import Statement
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
@@ -30,31 +29,6 @@ def law_of(model: ReducedModel, law: LawLike) -> ControlLaw:
     if callable(law):
         return TorqueFunction(law)
     raise InvalidInputError("controller must be a ControlLaw, a function (t, q, v) → u, or None")
-
-
-class HeldEffort(ControlLaw):
-    """A constant u.
-
-    Args:
-        effort: It.
-    """
-
-    everywhere = True
-
-    def __init__(self, effort: Array) -> None:
-        self.effort = effort
-
-    def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
-        """The effort."""
-        return self.effort
-
-    def next_switch(self, t: float) -> float:
-        """Never."""
-        return np.inf
-
-    def statement(self) -> Statement:
-        """The effort."""
-        return Statement("constant", constant=self.effort)
 
 
 class CheckedLaw(ControlLaw):

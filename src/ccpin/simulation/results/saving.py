@@ -121,8 +121,7 @@ def packed(motion: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """A trajectory as the header and the arrays of `TRAJECTORY`, without the cause; `unpacked` undoes it."""
     events = motion["events"]
     header = {
-        "status": motion["status"],
-        "message": motion["message"],
+        **{name: motion[name] for name in ("status", "message")},
         "evaluations": int(motion["evaluations"]),
         "wall_time": float(motion["wall_time"]),
         "names": {field: list(names) for field, names in motion["names"]._asdict().items()},
@@ -152,14 +151,15 @@ def unpacked(header: Mapping[str, Any], arrays: Mapping[str, Any]) -> dict[str, 
     if len(header["events"]) != len(arrays["event_t"]):
         raise InvalidInputError("'events' has not as many names as event_t times")
     records = zip(header["events"], *(arrays[f"event_{field}"] for field in _EVENT_ARRAYS), strict=True)
-    return {name: arrays[name] for name in SAMPLED} | {
-        "status": header["status"],
-        "message": header["message"],
-        "cause": None,
-        "events": tuple(EventRecord(name, float(t), *rest) for name, t, *rest in records),
-        "evaluations": header["evaluations"],
-        "wall_time": header["wall_time"],
-        "names": names,
-        "origin": Digests(**header["origin"]),
-        "notes": tuple(header["notes"]),
-    }
+    plain = {name: header[name] for name in ("status", "message", "evaluations", "wall_time")}
+    return (
+        {name: arrays[name] for name in SAMPLED}
+        | plain
+        | {
+            "cause": None,
+            "events": tuple(EventRecord(name, float(t), *rest) for name, t, *rest in records),
+            "names": names,
+            "origin": Digests(**header["origin"]),
+            "notes": tuple(header["notes"]),
+        }
+    )

@@ -67,7 +67,8 @@ def demands(
     instance(trajectory, "trajectory", Trajectory)
     model = trajectory.of("demands on motors and bearings", model, "closures", "dynamics")
     t, u = trajectory.t, trajectory.u
-    rates = np.array([_rates(model, state.v_free(v), v) for state, v, _ in trajectory.states(model)])
+    S = model.actuation  # of the rates S q̇′ that each u works on
+    rates = np.array([v if S is None else S @ state.v_free(v) for state, v, _ in trajectory.states(model)])
     power, duration = u * rates, max(float(t[-1] - t[0]), np.finfo(float).tiny)
     loads = (
         (*closure_forces(model, trajectory, wrenches), *joint_forces(model, trajectory, wrenches)) if bearings else ()
@@ -83,8 +84,3 @@ def demands(
         braking_work=trapezoid(np.minimum(power, 0.0), t, axis=0),
         bearings=tuple(load.peak() for load in loads),
     )
-
-
-def _rates(model: ReducedModel, v_free: Array, v: Array) -> Array:
-    """S q̇′, what each u works on."""
-    return v if model.actuation is None else np.asarray(model.actuation @ v_free)

@@ -7,18 +7,17 @@ disk before the next move begins.
 
 from __future__ import annotations
 
-import abc
 import base64
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple, overload
+from typing import NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.containers import told_of
 from ccpin.errors import InvalidInputError
-from ccpin.files import Journal
+from ccpin.files import Journal, OneByOne
 from ccpin.schemas import Field
 from ccpin.simulation.results import saving
 from ccpin.simulation.results.trajectory import Trajectory
@@ -49,26 +48,7 @@ class Move(NamedTuple):
     trajectory: Trajectory
 
 
-class _Moves(Sequence[Move], abc.ABC):
-    """Moves that are got one by one by their number."""
-
-    @overload
-    def __getitem__(self, place: int) -> Move: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> list[Move]: ...
-
-    def __getitem__(self, place: int | slice) -> Move | list[Move]:
-        if isinstance(place, slice):
-            return [self[k] for k in range(*place.indices(len(self)))]
-        return self._move(range(len(self))[place])
-
-    @abc.abstractmethod
-    def _move(self, number: int) -> Move:
-        """Move 0 ≤ number < len(self)."""
-
-
-class Stored(_Moves):
+class Stored(OneByOne[Move]):
     """The whole moves in a journal, read when they are asked for.
 
     Args:
@@ -81,7 +61,7 @@ class Stored(_Moves):
     def __len__(self) -> int:
         return len(self._journal)
 
-    def _move(self, number: int) -> Move:
+    def _one(self, number: int) -> Move:
         with told_of(self._journal.path):
             header, arrays = _SCHEMA.read_npz(self._bytes(number, "move"))
             return Move(
@@ -121,7 +101,7 @@ def _in_text(data: io.BytesIO) -> str:
     return base64.b64encode(data.getbuffer()).decode("ascii")
 
 
-class Unfinished(_Moves):
+class Unfinished(OneByOne[Move]):
     """Whole moves, and the one that ended the motion early behind them.
 
     Args:
@@ -135,5 +115,5 @@ class Unfinished(_Moves):
     def __len__(self) -> int:
         return len(self._whole) + 1
 
-    def _move(self, number: int) -> Move:
+    def _one(self, number: int) -> Move:
         return self._last if number == len(self._whole) else self._whole[number]

@@ -121,22 +121,18 @@ def supervise(
         return supervisor.visit(visited, stored)
 
 
+@dataclass
 class _Supervisor:
-    """What stays the same from move to move."""
+    """What stays the same from move to move, and what has been spent."""
 
-    def __init__(
-        self,
-        simulator: Simulator,
-        law_to: LawTo,
-        rule: Settling,
-        wait: float,
-        timeout: float,
-        sample_period: float,
-        allowance: Allowance,
-    ) -> None:
-        self.simulator, self._law_to, self._rule, self._wait = simulator, law_to, rule, wait
-        self._timeout, self._sample_period = timeout, sample_period
-        self._allowance, self._spent = allowance, 0
+    simulator: Simulator
+    law_to: LawTo
+    rule: Settling
+    wait: float
+    timeout: float
+    sample_period: float
+    allowance: Allowance
+    spent: int = 0
 
     def visit(self, goals: list[Array], log: Stored | list[Move]) -> SupervisedMotion:
         """Make the moves that the log has not."""
@@ -165,22 +161,22 @@ class _Supervisor:
 
     def move(self, goal: Array) -> tuple[Move, Stop | None]:
         """One move and its wait, and why they ended early, if they did."""
-        simulator, hold = self.simulator, self._rule.hold
+        simulator, hold = self.simulator, self.rule.hold
         simulator.recall(simulator.memory())  # as a motion does that goes on from its journal
         start = simulator.t
-        simulator.law = Delayed(law_of(simulator.model, self._law_to(goal, simulator.sample().q_free)), start)
-        motion = self._go(start + self._timeout, self._rule._replace(goal=goal))
+        simulator.law = Delayed(law_of(simulator.model, self.law_to(goal, simulator.sample().q_free)), start)
+        motion = self._go(start + self.timeout, self.rule._replace(goal=goal))
         if motion.status != "settled":
-            late = f"the move to {np.array2string(goal, precision=6)} had not settled after {self._timeout:.6g} s"
+            late = f"the move to {np.array2string(goal, precision=6)} had not settled after {self.timeout:.6g} s"
             return Move(goal, start, None, simulator.t, motion), simulator.stop or Stop("finished", late)
         settled, stop = simulator.t - hold, None
-        if self._wait > hold:
-            motion = joined([motion, self._go(settled + self._wait, None)])
+        if self.wait > hold:
+            motion = joined([motion, self._go(settled + self.wait, None)])
             stop = simulator.stop
         return Move(goal, start, settled, simulator.t, motion), stop
 
     def _go(self, until: float, settling: Settling | None) -> Trajectory:
-        budget = self._allowance.left(self._spent)
-        motion = self.simulator.run(until, sample_period=self._sample_period, settling=settling, budget=budget)
-        self._spent += motion.evaluations
+        budget = self.allowance.left(self.spent)
+        motion = self.simulator.run(until, sample_period=self.sample_period, settling=settling, budget=budget)
+        self.spent += motion.evaluations
         return motion

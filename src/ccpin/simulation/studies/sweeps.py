@@ -255,13 +255,7 @@ def _outcomes(
 
 
 def _pooled(
-    task: Task,
-    rows: list[Case],
-    waiting: deque[int],
-    pool: Executor,
-    most: int,
-    lost: list[int],
-    flag: Event,
+    task: Task, rows: list[Case], waiting: deque[int], pool: Executor, most: int, lost: list[int], flag: Event
 ) -> Iterator[tuple[int, dict[str, Any]]]:
     """One life of a pool: rows that were at work when a worker died are `lost`, those after them still `waiting`."""
     futures: dict[Future[dict[str, Any]], int] = {}

@@ -27,14 +27,7 @@ from ccpin.validated.flow.crossing import Crossing, find_crossing
 from ccpin.validated.flow.defect import sizes_along
 from ccpin.validated.flow.motion_task import task_of
 from ccpin.validated.flow.regularity import regular
-from ccpin.validated.flow.step import (
-    SHORTEST_STEP,
-    ProvenStep,
-    StepOptions,
-    march,
-    start_box,
-    start_of,
-)
+from ccpin.validated.flow.step import SHORTEST_STEP, ProvenStep, StepOptions, march, start_box, start_of
 from ccpin.validated.model.closed_loop import ClosedLoop
 from ccpin.validated.model.recorded_coordinates import configuration
 

@@ -85,11 +85,6 @@ class SetPointEquations:
         """SHA-256 of all of it."""
         return digest((self.closures.digest, self.masses, self.theta, self.law))
 
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """Facts about the closures are about these equations, too."""
-        return (self.closures.digest,)
-
     @cached_property
     def potential(self) -> Potential:
         """V′."""

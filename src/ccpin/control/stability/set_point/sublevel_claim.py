@@ -58,6 +58,10 @@ class SublevelProved(ProvableClaim):
     theorem = "set_point"
     forms = MappingProxyType({"lower": Form("KP"), "upper": Form("KP")})
 
+    def subjects(self, *premises: Fact) -> tuple[str, ...]:
+        """The closures: what is known of boxes is about them alone."""
+        return (self.equations.closures.digest,) * len(premises)
+
     def examined(self, *premises: Fact) -> Examined:
         """Lemma F over the cells joined to q_d's; where they meet 𝒬 the gain condition and the motors' grip."""
         require(len(premises) > 0 and type(premises[0].claim) is SolutionsInBoxes, "no boxes")

@@ -6,50 +6,29 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.domain.singular import settled_boxes as module
-from ccpin.domain.singular.settled_boxes import (
-    Beside,
+from ccpin.proof.curves import settled_boxes as module
+from ccpin.proof.curves.settled_boxes import (
     _inside,
     _narrowed,
     _Slanted,
     directions,
     extents,
     kernels,
-    settle_boxes,
-    settle_task,
     settled,
     settled_beside,
-)  # fmt: skip
-from ccpin.domain.singular.tubes import Frames, TubeBounds, Tubes
-from ccpin.proof.narrowing import Candidates
+)
+from ccpin.proof.curves.tubes import Frames, TubeBounds
 from ccpin.proof.rounding import SLACK
 from tests.support.made_up import made_up
+from tests.support.waiting import any_boxes, any_tubes
 
 N, ALONG = 6, 4  # coordinates of x, and the one that a slanted box runs along
-
-
-def boxes_of(rng, count, m=2):
-    """Any boxes, numbered by their cells."""
-    size = 2 + m
-    centre, half = rng.normal(size=(count, size)), rng.uniform(0.1, 0.5, (count, size))
-    return Candidates(np.arange(count), centre, half, rng.normal(size=(count, m, 2)))
-
-
-def tubes_of(rng, count, along, n=N, m=2):
-    """Any tubes that run along one coordinate."""
-    tangent, radius = rng.uniform(-1, 1, (count, n)), rng.uniform(0.1, 0.5, (count, n))
-    tangent[:, along], radius[:, along] = rng.choice([-1.0, 1.0], count), 0.0
-    x = rng.normal(size=(count, n))
-    return Tubes(
-        x[:, : n - m], x[:, n - m :], rng.normal(size=(count, m)), np.full(count, along), tangent, np.full(count, 0.4),
-        radius, np.zeros((count, n, n - 1)), np.zeros(count), radius,
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize("m", [1, 2])
 def test_extents_are_those_of_the_corners(m):
     """θ = θ_c + Dδ of all corners |δ| = h is within them, the farthest at their ends."""
-    problem, boxes = made_up(m), boxes_of(np.random.default_rng(1), 3, m)
+    problem, boxes = made_up(m), any_boxes(np.random.default_rng(1), 3, m)
     corners = np.array(list(product([-1.0, 1.0], repeat=2 + m)))
     moved = directions(problem, boxes) @ (boxes.half[:, None] * corners).transpose(0, 2, 1)
     for k, corner in enumerate(corners):
@@ -63,7 +42,7 @@ def test_extents_are_those_of_the_corners(m):
 
 def test_extents_are_widened_by_roundings_of_the_middle():
     """1e-15 (1 + |θ_c|) of boxes that are points."""
-    boxes = boxes_of(np.random.default_rng(1), 1)._replace(centre=np.array([[0.0, 0.0, -3.0, 7.0]]))
+    boxes = any_boxes(np.random.default_rng(1), 1)._replace(centre=np.array([[0.0, 0.0, -3.0, 7.0]]))
     found = extents(made_up(), boxes._replace(half=np.zeros((1, 4))))
     np.testing.assert_allclose(found, [[1e-15, 1e-15, 4e-15, 8e-15]], rtol=1e-12)
 
@@ -74,7 +53,7 @@ def test_kernels_are_enclosed_by_what_the_lemma_states(monkeypatch, seed):
     rng, margin = np.random.default_rng(seed), 0.003
     problem, boxes, m, size = (
         made_up(rounding=0.001, magnitude=lambda theta: np.full(len(theta), 3.0)),
-        boxes_of(rng, 1),
+        any_boxes(rng, 1),
         2,
         4,
     )
@@ -82,7 +61,7 @@ def test_kernels_are_enclosed_by_what_the_lemma_states(monkeypatch, seed):
     jacobian, hessian, pairing = rng.normal(size=(1, m, size)), rng.normal(size=(1, m, size, size)), rng.normal(size=m)
     third, u = rng.uniform(0.1, 1.0, (1, m)), np.array([5.0, 6.0])
     values, asked = SimpleNamespace(jacobian=jacobian, hessian=hessian, arms=None), []
-    monkeypatch.setattr(module, "closure_derivatives", lambda problem, theta: values)
+    monkeypatch.setattr(module, "derivatives", lambda problem, theta: values)
     monkeypatch.setattr(module, "third_bound", lambda *arguments: asked.append(arguments) or third)
     monkeypatch.setattr(module, "solve_many", lambda matrix, right: u[None] / module._ROOM)
     inverse = np.linalg.pinv
@@ -107,11 +86,11 @@ def test_kernels_are_enclosed_by_what_the_lemma_states(monkeypatch, seed):
 def lemma_w(monkeypatch, slope, pairing, third, u):
     """Lemma W where φ_y is diagonal, u is told and D = |P_J| third."""
     m = len(u)
-    problem, boxes = made_up(m), boxes_of(np.random.default_rng(0), 1, m)
+    problem, boxes = made_up(m), any_boxes(np.random.default_rng(0), 1, m)
     jacobian = np.zeros((1, m, m + 2))
     jacobian[0][:, problem.system.dependent] = np.diag(slope)
     values = SimpleNamespace(jacobian=jacobian, hessian=np.zeros((1, m, m + 2, m + 2)), arms=None)
-    monkeypatch.setattr(module, "closure_derivatives", lambda problem, theta: values)
+    monkeypatch.setattr(module, "derivatives", lambda problem, theta: values)
     monkeypatch.setattr(module, "extents", lambda problem, boxes: np.full((1, 1), 1.0))
     monkeypatch.setattr(module, "third_bound", lambda *_: 2.0 * np.array([third]))
     monkeypatch.setattr(module, "solve_many", lambda matrix, right: np.array([u]) / module._ROOM)
@@ -153,7 +132,7 @@ def test_all_of_a_kernel_is_enclosed_or_nothing(monkeypatch):
 def test_boxes_whose_kernel_is_not_enclosed_are_not_settled(monkeypatch):
     """Not tried either, be it one component of w; of the others θ and w are within extents and spread."""
     rng, problem, asked = np.random.default_rng(2), made_up(), []
-    boxes, tubes = boxes_of(rng, 4), tubes_of(rng, 4, ALONG)
+    boxes, tubes = any_boxes(rng, 4), any_tubes(rng, 4, ALONG)
     kernel, spread = rng.normal(size=(4, 2)), rng.uniform(0.1, 1.0, (4, 2))
     spread[0, 1] = spread[2, 0] = np.inf
     monkeypatch.setattr(module, "kernels", lambda *_: (kernel, spread))
@@ -170,8 +149,8 @@ def test_what_one_tube_settles_is_settled(monkeypatch):
     """By the first, the second or neither of those beside it; what is settled is not asked of again."""
     rng, asked = np.random.default_rng(3), []
     boxes, tubes = (
-        boxes_of(rng, 4)._replace(half=np.full((4, 4), 0.01), slopes=np.zeros((4, 2, 2))),
-        tubes_of(rng, 5, ALONG),
+        any_boxes(rng, 4)._replace(half=np.full((4, 4), 0.01), slopes=np.zeros((4, 2, 2))),
+        any_tubes(rng, 5, ALONG),
     )
     nearest = np.array([[0, 1], [2, 3], [4, 0], [1, 2]])
     by = {(0, 0), (1, 3), (3, 1)}
@@ -200,7 +179,7 @@ def slanted(rng, count):
 def test_a_box_lies_in_the_slanted_box_drawn_about_it(monkeypatch):
     """Its corners have the s and e that are the ends of that; l is the tube's."""
     rng, seen = np.random.default_rng(4), []
-    tubes, extent, x = tubes_of(rng, 1, ALONG), rng.uniform(0.1, 0.5, (1, N)), rng.normal(size=(1, N))
+    tubes, extent, x = any_tubes(rng, 1, ALONG), rng.uniform(0.1, 0.5, (1, N)), rng.normal(size=(1, N))
     tangent = rng.uniform(-1, 1, (1, N))
     tangent[0, ALONG] = -1.0
     monkeypatch.setattr(
@@ -230,7 +209,7 @@ def test_a_box_lies_in_the_slanted_box_drawn_about_it(monkeypatch):
 def test_what_is_empty_or_inside_is_settled_and_nothing_else(monkeypatch):
     """At once or narrowed again; boxes 2 and 3 are narrowed by half, box 4 by nothing, box 5 in one coordinate only."""
     rng, count = np.random.default_rng(5), 6
-    tubes, passes = tubes_of(rng, count, ALONG)._replace(half=np.arange(1.0, count + 1)), []
+    tubes, passes = any_tubes(rng, count, ALONG)._replace(half=np.arange(1.0, count + 1)), []
     frames = Frames(np.full(count, ALONG), np.ones((count, N)), np.zeros((count, N, 5)))
     monkeypatch.setattr(module, "first_order", lambda *_: (0, 0))
     monkeypatch.setattr(module, "frames_at", lambda slope: frames)
@@ -268,7 +247,7 @@ def proposition_b(monkeypatch, boxes, shift, y, z, tubes=None):
         "bounds_of",
         lambda problem, values, frames, half, radius: seen.append((frames, half, radius)) or TubeBounds(y, z),
     )
-    tubes = tubes_of(np.random.default_rng(0), count, ALONG) if tubes is None else tubes
+    tubes = any_tubes(np.random.default_rng(0), count, ALONG) if tubes is None else tubes
     found = _narrowed(made_up(), boxes, tubes)
     (theta, kernel, pairing), (frames, half, radius) = seen
     asked = np.hstack([theta, kernel]), pairing, frames.tangent, half, radius
@@ -364,7 +343,7 @@ def borders_of(boxes, tubes, half, radius, near):
 def test_a_slanted_box_is_in_a_tube_where_its_corners_are(seed):
     """All of them, angles modulo 2π, up to 1e-13; the tube runs along another coordinate than the box."""
     rng = np.random.default_rng(seed)
-    tubes = tubes_of(rng, 1, 1)
+    tubes = any_tubes(rng, 1, 1)
     boxes = slanted(rng, 1)._replace(x=tubes.x + rng.uniform(-0.1, 0.1, (1, N)))
     half, radius = corners_in(boxes, tubes, [])
     turned = boxes._replace(x=boxes.x + 2.0 * np.pi * np.array([[1.0, -2.0, 0.0, 0.0, 0.0, 0.0]]))
@@ -374,55 +353,6 @@ def test_a_slanted_box_is_in_a_tube_where_its_corners_are(seed):
 def test_a_point_in_a_tube_is_in_it_up_to_roundings():
     """1e-13 each way."""
     rng = np.random.default_rng(1)
-    tubes, boxes = tubes_of(rng, 1, 1), slanted(rng, 1)
+    tubes, boxes = any_tubes(rng, 1, 1), slanted(rng, 1)
     boxes = boxes._replace(x=tubes.x, half=np.zeros(1), radius=np.zeros((1, N)))
     borders_of(boxes, tubes, 1e-13, np.where(np.arange(N) == 1, 0.0, 1e-13), 1e-3)
-
-
-class InTurn:
-    """A runner that does one chunk after another, of boxes and tubes as plain arrays."""
-
-    def __init__(self, problem, done):
-        self.problem, self.done, self.seen = problem, done, []
-
-    def map(self, task, chunks):
-        assert task is settle_task
-        for arrays in chunks:
-            self.seen.append(arrays)
-            yield (self.done(self.problem, arrays),)
-
-
-def test_settled_boxes_are_dropped_and_no_others(monkeypatch):
-    """In chunks of two: all that is not worth a try stays, and what stays undone."""
-    rng, settles = np.random.default_rng(9), np.array([0, 1, 1, 1, 1, 1, 1])
-    boxes, tubes = boxes_of(rng, 7), tubes_of(rng, 9, ALONG)
-    nearest, worth = rng.integers(0, 9, (7, 3)), np.array([1, 1, 1, 0, 1, 1, 1], dtype=bool)
-    monkeypatch.setattr(module, "_CHUNK", 2)
-    nearby = SimpleNamespace(tubes=tubes, beside=lambda boxes: Beside(nearest, worth))
-
-    def done(problem, arrays):
-        some, number, beside = Candidates(*arrays[:4]), arrays[4], Tubes(*arrays[5:])
-        np.testing.assert_array_equal(beside.theta[number], tubes.theta[nearest[some.cell]])
-        return settles[some.cell]
-
-    runner = InTurn(None, done)
-    left = settle_boxes(runner, nearby, boxes)
-    np.testing.assert_array_equal(left.cell, [0, 3])
-    np.testing.assert_array_equal(left.centre, boxes.centre[[0, 3]])
-    assert [len(arrays[0]) for arrays in runner.seen] == [2, 2, 2]
-
-
-def test_a_chunk_is_asked_of_with_its_own_tubes(monkeypatch):
-    """And with bounds for any tree."""
-    rng, seen = np.random.default_rng(10), []
-    boxes, tubes, nearest = boxes_of(rng, 3), tubes_of(rng, 4, ALONG), rng.integers(0, 4, (3, 2))
-    problem = made_up()
-    problem.phasors = "planar"
-    monkeypatch.setattr(module, "settled_beside", lambda *given: seen.append(given) or np.array([True, False, True]))
-    (done,) = settle_task(problem, (*boxes, nearest, *tubes))
-    np.testing.assert_array_equal(done, [True, False, True])
-    asked, some, among, beside = seen[0]
-    assert asked.phasors is None
-    np.testing.assert_array_equal(some.slopes, boxes.slopes)
-    np.testing.assert_array_equal(beside, nearest)
-    np.testing.assert_array_equal(among.hull, tubes.hull)

@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, inverses, rows_of
-from ccpin.domain.singular.curve_equations import Values, drift, first_order, rounding_at, values_at
+from ccpin.proof.curves.curve_equations import Values, drift, first_order, rounding_at, values_at
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import without_turns
 from ccpin.proof.rounding import SLACK
 
 _WIDEN = 1e-13
-_ROUNDS, _SHAPED = 4, 2
+_ROUNDS = 4
 _CHORDS = 4
 _CLOSE = 1e-4  # of the radii: an enclosure so small will do
 _BACK = (0.4, 0.1)
@@ -203,29 +203,6 @@ def certify_tubes(problem: Problem, values: Values, frames: Frames, half: Array,
         hull=hull,
     )
     return TriedTubes(tubes, proved)
-
-
-def longest(problem: Problem, values: Values, sizes: Array, forward: Array | None = None) -> Tubes | None:
-    """About one point of a curve the tube of greatest length of those tried (K,); ``None`` where none is proved.
-
-    Its s grows along `forward` (N,), if given. The radii are at most δ, and in proportion to what Z leaves of them.
-    """
-    frames = frames_at(values.slope, forward)
-    if not np.isfinite(frames.gain).all():
-        return None
-    rows = np.zeros(len(sizes), dtype=np.intp)
-    values, frames = rows_of(values, rows), rows_of(frames, rows)
-    inner = np.arange(values.slope.shape[2])[None] != frames.along[:, None]
-    shape = np.where(inner, 1.0, 0.0)
-    with np.errstate(all="ignore"):
-        for _ in range(_SHAPED):
-            bounds = bounds_of(problem, values, frames, sizes, shape * sizes[:, None])
-            image = bounds.y + apply(bounds.z, shape * sizes[:, None])
-            shape = shape + image / image.max(axis=1, keepdims=True)
-            shape = shape / shape.max(axis=1, keepdims=True)
-    found = certify_tubes(problem, values, frames, sizes, shape * sizes[:, None])
-    best = np.flatnonzero(found.proved)
-    return found.tubes.take(best[[int(np.argmax(sizes[best]))]]) if best.size else None
 
 
 def _room(x: Array) -> Array:

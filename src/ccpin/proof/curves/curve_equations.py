@@ -9,12 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Mask, apply, solve_many
-from ccpin.covering.proposals.solving import closure_derivatives
-from ccpin.proof.equations import Derivatives, Problem, third_bound
+from ccpin.arrays import Array, apply
+from ccpin.proof.equations import Derivatives, Problem, derivatives, third_bound
 from ccpin.proof.tips import third_along
-
-_SETTLED, _FAR = 1e-7, 1.0
 
 
 class Values(NamedTuple):
@@ -67,7 +64,7 @@ def rounding_at(problem: Problem, theta: Array, kernel: Array, pairing: Array) -
 
 def first_order(problem: Problem, theta: Array, kernel: Array, pairing: Array) -> tuple[Array, Array, Derivatives]:
     """G (B, M), G′ (B, M, N), and the derivatives of φ they are made of."""
-    system, found = problem.system, closure_derivatives(problem, theta)
+    system, found = problem.system, derivatives(problem, theta)
     m, size, dependent = system.m, system.n_free, system.dependent
     inner = found.jacobian[:, :, dependent]
     paired = np.sum(pairing * kernel, axis=1, keepdims=True) - 1.0
@@ -75,24 +72,6 @@ def first_order(problem: Problem, theta: Array, kernel: Array, pairing: Array) -
     slope[:, :m, :size], slope[:, m:-1, size:], slope[:, -1, size:] = found.jacobian, inner, pairing
     slope[:, m:-1, :size] = (found.hessian[..., dependent] @ kernel[:, None, :, None])[..., 0]
     return np.concatenate([found.phi, apply(inner, kernel), paired], axis=1), slope, found
-
-
-def onto_curves(problem: Problem, theta: Array, kernel: Array, steps: int) -> tuple[Array, Array, Mask]:
-    """θ and unit w after Newton steps of least norm from θ (B, n′) and w (B, m), and which have settled (B,)."""
-    size, settled = problem.system.n_free, np.zeros(len(theta), dtype=np.bool_)
-    for _ in range(steps):
-        kernel = kernel / np.maximum(np.linalg.norm(kernel, axis=1, keepdims=True), 1e-300)
-        value, slope, _ = first_order(problem, theta, kernel, kernel)
-        flat = np.swapaxes(slope, 1, 2)
-        move = -apply(flat, solve_many(slope @ flat, value))
-        length = np.abs(move).max(axis=1)
-        usable = np.isfinite(length) & (length < _FAR)
-        theta = theta + np.where(usable[:, None], move[:, :size], 0.0)
-        kernel = kernel + np.where(usable[:, None], move[:, size:], 0.0)
-        settled = usable & (length < _SETTLED)
-        if settled.all():
-            break
-    return theta, kernel / np.linalg.norm(kernel, axis=1, keepdims=True), settled
 
 
 class Drift(NamedTuple):

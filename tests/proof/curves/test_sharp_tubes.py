@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.domain.singular import tubes as module
-from ccpin.domain.singular.curve_equations import Drift, Values
-from ccpin.domain.singular.tubes import Frames, TubeBounds, _room, bounds_of, certify_tubes
+from ccpin.proof.curves import tubes as module
+from ccpin.proof.curves.curve_equations import Drift, Values
+from ccpin.proof.curves.tubes import Frames, TubeBounds, _room, bounds_of, certify_tubes
 
 SIZE, M, ALONG = 3, 2, 1  # n′, m and the coordinate j that a tube runs along
 N, ROWS = SIZE + M, 2 * M

@@ -1,9 +1,6 @@
-"""Boxes of all coordinates, each shown to hold no singular configuration, or none but those of tubes, or halved.
+"""Boxes of all coordinates, each shown to hold no singular configuration, or none but those of the tubes beside it.
 
-Boxes on which φ_y is shown to be regular, or φ to have no zero, are dropped first (`sheets.narrowing`); Lemma W and
-Proposition B of `ccpin/proof/theorems/covering.md` deal with the others. Narrowing and settling are tasks: pure
-functions of plain arrays, so that they may run in any process and be kept on disk; of the tubes a chunk of boxes is
-given those beside its own boxes.
+Lemma W and Proposition B are stated and proved in `ccpin/proof/theorems/covering.md`.
 """
 
 from __future__ import annotations
@@ -13,16 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of, solve_many
-from ccpin.covering.proposals.solving import closure_derivatives
-from ccpin.covering.runner import Arrays, Runner
-from ccpin.domain.singular.curve_equations import first_order, values_at
-from ccpin.domain.singular.tubes import Frames, Points, Tubes, bounds_of, frames_at, inverse_without, places_in
-from ccpin.proof.candidates import beyond
-from ccpin.proof.equations import Problem, third_bound
-from ccpin.proof.narrowing import Candidates, directions, narrowed
+from ccpin.arrays import Array, Indices, Mask, apply, rows_of, solve_many
+from ccpin.proof.curves.curve_equations import first_order, values_at
+from ccpin.proof.curves.tubes import Frames, Points, Tubes, bounds_of, frames_at, inverse_without, places_in
+from ccpin.proof.equations import Problem, derivatives, third_bound
+from ccpin.proof.narrowing import Candidates, directions
 from ccpin.proof.newton import without_turns
-from ccpin.proof.ranges import Ranges
 from ccpin.proof.rounding import SLACK, blur
 from ccpin.proof.solutions import TURN
 
@@ -30,8 +23,6 @@ _BESIDE, _ABOUT = 3, 8
 _WORTH = 2.5  # half lengths: wider boxes are in no tube, and seldom shown to be empty
 _ROOM, _LEAST = 1.0 + 1e-6, 1e-9  # of u: components of w may be 0, as those of rotors that bend nothing are
 _PASSES, _GAIN = 2, 0.7  # and what radius a second pass is worth after
-_CHUNK = 1000  # boxes of a task
-_FIELDS = len(Candidates._fields)
 
 
 class Nearby:
@@ -123,7 +114,7 @@ def extents(problem: Problem, boxes: Candidates) -> Array:
 
 def kernels(problem: Problem, boxes: Candidates, pairing: Array) -> tuple[Array, Array]:
     """w₀ and v of Lemma W with l (K, m), of shape (K, m) each; v is not finite where the lemma says nothing."""
-    system, found = problem.system, closure_derivatives(problem, boxes.centre)
+    system, found = problem.system, derivatives(problem, boxes.centre)
     m, extent, margin = system.m, extents(problem, boxes), system.rounding * system.magnitude(boxes.centre)
     inner = found.jacobian[:, :, system.dependent]
     bordered = np.concatenate([inner, pairing[:, None]], axis=1)
@@ -203,53 +194,3 @@ def _inside(problem: Problem, boxes: _Slanted, tubes: Tubes) -> Mask:
     off[rows, tubes.along] = 0.0
     reach = np.abs(s) + np.abs(run) * boxes.half + wide + 1e-13
     return np.asarray((reach * SLACK <= tubes.half) & np.all(off * SLACK <= tubes.radius, axis=1))
-
-
-def narrow_boxes(runner: Runner, ranges: Ranges, boxes: Candidates) -> Candidates:
-    """The boxes that may hold singular configurations within the ranges, narrowed.
-
-    Raises:
-        Stopped: As for `Runner.map`.
-    """
-    parts = _parts(len(boxes.cell))
-    found = runner.map(narrow_task, [(*ranges, *rows_of(boxes, part)) for part in parts])
-    return joined([rows_of(boxes, slice(0)), *(Candidates(*arrays) for arrays in found)])  # type: ignore[arg-type]
-
-
-def narrow_task(problem: Problem, arrays: Arrays) -> Arrays:
-    """`narrow_boxes` for one chunk: (*ranges, *boxes) → boxes."""
-    ranges, boxes = Ranges(*arrays[:4]), Candidates(*arrays[4:])  # type: ignore[arg-type]
-    boxes = narrowed(problem, boxes)
-    if boxes.cell.size:
-        boxes = narrowed(problem, boxes, True, np.ones(len(boxes.cell), dtype=np.bool_))
-    return tuple(rows_of(boxes, ~beyond(problem, ranges, boxes)))
-
-
-def settle_boxes(runner: Runner, nearby: Nearby, boxes: Candidates) -> Candidates:
-    """The boxes that are not proved to hold no singular configurations but those of the tubes' curves.
-
-    Raises:
-        Stopped: As for `Runner.map`.
-    """
-    beside = nearby.beside(boxes)
-    rows, chunks = np.flatnonzero(beside.worth), list[Arrays]()
-    parts = [rows[part] for part in _parts(len(rows))]
-    for part in parts:
-        near = beside.nearest[part]
-        tubes, places = np.unique(near, return_inverse=True)
-        chunks.append((*rows_of(boxes, part), places.reshape(near.shape), *nearby.tubes.take(tubes)))
-    left = np.ones(len(boxes.cell), dtype=np.bool_)
-    for part, (done,) in zip(parts, runner.map(settle_task, chunks), strict=True):
-        left[part] = ~np.asarray(done, dtype=np.bool_)
-    return rows_of(boxes, left)
-
-
-def settle_task(problem: Problem, arrays: Arrays) -> Arrays:
-    """`covering.settled_beside` for one chunk: (*boxes, nearest, *tubes) → which are settled (B,)."""
-    boxes, tubes = Candidates(*arrays[:_FIELDS]), Tubes(*arrays[_FIELDS + 1 :])  # type: ignore[arg-type]
-    nearest = np.asarray(arrays[_FIELDS], dtype=np.intp)
-    return (settled_beside(problem._replace(phasors=None), boxes, tubes, nearest),)
-
-
-def _parts(count: int) -> list[slice]:
-    return [slice(first, first + _CHUNK) for first in range(0, count, _CHUNK)]

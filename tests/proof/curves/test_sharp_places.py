@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ccpin.domain.singular import tubes as module
-from ccpin.domain.singular.tubes import Places, Points, Tubes, glued, places_in, zeros_in
+from ccpin.proof.curves import tubes as module
+from ccpin.proof.curves.tubes import Places, Points, Tubes, glued, places_in, zeros_in
 from tests.support.straight_curves import PROBLEM
 
 ROOM = 1e-13
