@@ -156,7 +156,7 @@ def provable(kind: type[C]) -> type[C]:
 
 
 def known(kind: type[T]) -> type[T]:
-    """Let `prove` know a kind of equations whose bounds the kernel answers for."""
+    """Let `prove` know a kind of equations, whose numbers were checked when they were made."""
     _EQUATIONS.add(kind)
     return kind
 
