@@ -70,7 +70,6 @@ ROOMS: tuple[Room, ...] = (
             "SetPointCertificate._is_fact",
             "SetPointCertificate.assumes",
             "SetPointCertificate.contains",
-            "_MemberCells.of",
             "_MemberCells.near",
             "_SampledRegion.near",
             "certify_law",

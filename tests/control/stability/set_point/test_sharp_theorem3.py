@@ -21,7 +21,7 @@ from tests.support.paper import GOAL, K_P, K_V
 def certificate(law=None, region=None, **more):
     known = {
         "law": law, "level": 2.0, "level_domain": 3.0, "beta": 1.0, "slope": 1.0, "gain": 4.0, "stiffness": 2.0,
-        "rigorous": True, "method": "", "limit": "domain", "touch": np.zeros(2), "proved": 3, "sublevel": None,
+        "rigorous": True, "method": "", "limit": "domain", "touch": np.zeros(2), "proved": 3,
         "_region": region,
     }  # fmt: skip
     return SetPointCertificate(**known | more)
@@ -45,13 +45,13 @@ def known(laws):
 @pytest.mark.parametrize(
     ("given", "verdict"),
     [
-        ({}, "proven"), ({"rigorous": False}, "undecided"), ({"sublevel": None}, "undecided"),
+        ({}, "proven"), ({"rigorous": False}, "undecided"),
         ({"level": 0.0}, "undecided"), ({"level": 1e-300}, "undecided"), ({"beta": 0.0}, "undecided"),
         ({"_region": None}, "undecided"),
         ({"stiffness": -0.95e-9 * 4.0}, "proven"), ({"stiffness": -1.05e-9 * 4.0}, "refuted"),
         ({"stiffness": -3.0}, "refuted"), ({"slope": (1 + 0.95e-9) * 4.0}, "proven"),
         ({"slope": (1 + 1.05e-9) * 4.0}, "refuted"), ({"slope": 2.1}, "proven"), ({"slope": 3.9}, "proven"),
-        ({"slope": 4.3}, "refuted"), ({"slope": 9.0, "sublevel": None}, "refuted"),
+        ({"slope": 4.3}, "refuted"), ({"slope": 9.0, "_region": None}, "refuted"),
     ],
 )  # fmt: skip
 def test_verdicts_on_set_points(known, given, verdict):
@@ -61,15 +61,15 @@ def test_verdicts_on_set_points(known, given, verdict):
 
 def test_facts_of_other_things(known, laws):
     """A fact about another law, a premise, what a file has, and a claim are no facts about this one."""
-    other = certify_law(laws[1], max_depth=4, budget=12)
+    other, region = certify_law(laws[1], max_depth=4, budget=12), known._region
     assert other.level == known.level
-    assert replace(known, sublevel=other.sublevel).verdict == "undecided"
     assert replace(known, law=laws[1]).verdict == "undecided"
-    assert replace(known, sublevel=known.sublevel.replay()).verdict == "proven"
     told = pickle.loads(pickle.dumps(known.sublevel))
-    for wrong in (known.sublevel.premises[0], told, told.claim):
-        assert replace(known, sublevel=wrong).verdict == "undecided"
-    assert replace(known, sublevel=told.replay()).verdict == "proven"
+    for fact, verdict in (
+        (other.sublevel, "undecided"), (known.sublevel.premises[0], "undecided"), (told, "undecided"),
+        (told.claim, "undecided"), (None, "undecided"), (known.sublevel.replay(), "proven"), (told.replay(), "proven"),
+    ):  # fmt: skip
+        assert replace(known, _region=replace(region, sublevel=fact)).verdict == verdict
 
 
 def test_what_is_assumed_of_a_mechanism(monkeypatch):
@@ -109,7 +109,7 @@ def test_configurations_of_the_cell_that_holds_a_point(monkeypatch):
     )
     solutions = SimpleNamespace(claim=SimpleNamespace(boxes=boxes))
     found = {"within": np.array([False, True, True])}
-    members = _MemberCells.of(reading, SimpleNamespace(found=found, claim=claim, premises=(solutions,)))
+    members = _MemberCells(reading, SimpleNamespace(found=found, claim=claim, premises=(solutions,)))
     np.testing.assert_array_equal(members.lower, [[0.0, 0.0], [1.0, 0.0]])
     np.testing.assert_array_equal(members.upper, [[1.0, 1.0], [3.0, 1.0]])
     np.testing.assert_allclose(members.near(np.array([2.5, 0.25])), [2.5, 0.25, 0.5, -0.25])
@@ -164,7 +164,6 @@ def asked(monkeypatch):
     monkeypatch.setattr(module, "cells_of_atlas", lambda *_: store)
     monkeypatch.setattr(module, "SetPointEquations", SimpleNamespace(of=lambda law, reading: (law, reading)))
     monkeypatch.setattr(module, "proved_sublevel", lambda *given: told.asked.append(given) or told.fact())
-    monkeypatch.setattr(module._MemberCells, "of", lambda reading, fact: (reading, fact))
     monkeypatch.setattr(module, "_sampled", lambda *_: "sampled")
     told.atlas = Atlas(boxes=SimpleNamespace(kappa=np.zeros(5)))
     told.law = SimpleNamespace(
@@ -192,7 +191,7 @@ def test_certificates_of_levels(asked):
     assert (made.level, made.level_domain, made.beta, made.limit, made.rigorous) == (1.25, 1.5, 3.0, "domain", True)
     (((law, reading), store, members),) = asked.asked
     assert (law, reading, store.proved, members) == (asked.law, "reading", 7, (1, 2))
-    assert made._region == ("reading", made.sublevel)
+    assert (made._region.reading, made.sublevel.found["level"][0]) == ("reading", 1.25)
     assert made.gain == 4.0
     assert made.stiffness == pytest.approx(np.linalg.eigvalsh(GAINS + GRAVITY)[0], rel=1e-12)
     assert made.slope == pytest.approx(np.linalg.norm(GRAVITY, 2), rel=1e-12)

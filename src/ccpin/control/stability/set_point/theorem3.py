@@ -81,7 +81,6 @@ class SetPointCertificate:
             ``"refused"``: what a search found was not proved.
         touch: Where, of shape (n,).
         proved: How many cells were proved for it, beyond an atlas's own.
-        sublevel: The fact about the level, the cells and β (`SublevelProved`); without it none is proven.
     """
 
     law: PDSimpleGravity
@@ -96,7 +95,6 @@ class SetPointCertificate:
     limit: Limit
     touch: Array
     proved: int
-    sublevel: Fact | None
     _region: _MemberCells | _SampledRegion | None = field(repr=False)
 
     def __repr__(self) -> str:
@@ -128,18 +126,19 @@ class SetPointCertificate:
             return f"nothing is proved: on samples c is about {self.level:.6g} J, {told}; over an atlas it is proved"
         return f"{_FAILED[self.limit]}; {self._more}"
 
+    @property
+    def sublevel(self) -> Fact | None:
+        """The fact about the level, the cells and β (`SublevelProved`); without it none is proven."""
+        return self._region.sublevel if isinstance(self._region, _MemberCells) else None
+
     @cached_property
     def _is_fact(self) -> bool:
         """Whether the level and β are those of a fact, which is about the law."""
-        fact = self.sublevel
-        if (
-            type(fact) is not Fact
-            or type(fact.claim) is not SublevelProved
-            or not isinstance(self._region, _MemberCells)
-        ):
+        fact, region = self.sublevel, self._region
+        if type(fact) is not Fact or type(fact.claim) is not SublevelProved or not isinstance(region, _MemberCells):
             return False
         told = (self.level, self.beta) == (fact.found["level"][0], fact.found["beta"][0])
-        return self.rigorous and told and SetPointEquations.of(self.law, self._region.reading).digest == fact.digest
+        return self.rigorous and told and SetPointEquations.of(self.law, region.reading).digest == fact.digest
 
     @property
     def assumes(self) -> tuple[str, ...]:
@@ -182,25 +181,28 @@ class SetPointCertificate:
 
 @dataclass(frozen=True, eq=False)
 class _MemberCells:
-    """Cells that hold 𝒬: those in which {U < c} is a part of it."""
+    """Cells of a fact that hold 𝒬: those in which {U < c} is a part of it."""
 
     reading: Reading
-    boxes: Boxes
-    lower: Array
-    upper: Array
+    sublevel: Fact
 
-    @classmethod
-    def of(cls, reading: Reading, sublevel: Fact) -> _MemberCells:
-        """Those of a fact."""
-        within, claim = sublevel.found["within"], sublevel.claim
-        return cls(reading, sublevel.premises[0].claim.boxes.take(within), claim.lower[within], claim.upper[within])
+    @cached_property
+    def lower(self) -> Array:
+        """Lower corners, of shape (K, n)."""
+        return np.asarray(self.sublevel.claim.lower[self.sublevel.found["within"]])
+
+    @cached_property
+    def upper(self) -> Array:
+        """Upper corners, of shape (K, n)."""
+        return np.asarray(self.sublevel.claim.upper[self.sublevel.found["within"]])
 
     def near(self, q: Array) -> Array | None:
         """A configuration in the tube of the cell that holds q; ``None`` where there is no cell."""
         inside = holding(self.lower, self.upper, q)
         if not inside.size:
             return None
-        box, system = self.boxes.take(inside[:1]), self.reading.system
+        boxes: Boxes = self.sublevel.premises[0].claim.boxes
+        box, system = boxes.take(np.flatnonzero(self.sublevel.found["within"])[inside[:1]]), self.reading.system
         theta = predict(self.reading.problem, box, q[None] - box.centre[:, system.independent])
         return np.asarray(self.reading.configuration(theta[0]))
 
@@ -334,8 +336,7 @@ def certify_law(
         limit=limit,
         touch=found.point,
         proved=proved,
-        sublevel=sublevel,
-        _region=None if sublevel is None else _MemberCells.of(store.reading, sublevel),
+        _region=None if sublevel is None else _MemberCells(store.reading, sublevel),
     )
 
 
@@ -368,7 +369,6 @@ def _sampled(law: PDSimpleGravity, region: Corners, gain: float, least: float, n
         limit="gain" if norm_d >= gain or stop < level_domain else "domain",
         touch=samples.q[int(np.argmin(np.minimum(edge, failing)))],
         proved=0,
-        sublevel=None,
         _region=_SampledRegion(law, lower, upper),
     )
 
