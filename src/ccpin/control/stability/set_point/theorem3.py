@@ -134,8 +134,11 @@ class SetPointCertificate:
     @cached_property
     def _is_fact(self) -> bool:
         """Whether the level and β are those of a fact, which is about the law."""
-        fact, region = self.sublevel, self._region
-        if type(fact) is not Fact or type(fact.claim) is not SublevelProved or not isinstance(region, _MemberCells):
+        region = self._region
+        if not isinstance(region, _MemberCells) or type(region.sublevel) is not Fact:
+            return False
+        fact = region.sublevel
+        if type(fact.claim) is not SublevelProved:
             return False
         told = (self.level, self.beta) == (fact.found["level"][0], fact.found["beta"][0])
         return self.rigorous and told and SetPointEquations.of(self.law, region.reading).digest == fact.digest
