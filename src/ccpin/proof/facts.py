@@ -147,13 +147,16 @@ _EQUATIONS: set[type] = set()
 
 
 def provable(kind: type[C]) -> type[C]:
-    """Let `prove` know a kind of claim. Only `ccpin.proof` does so (``tests/proof/test_facts.py``)."""
+    """Let `prove` know a kind of claim. Only `ccpin.proof` and rooms with theorems of their own do so.
+
+    ``tests/proof/test_facts.py`` has them by name.
+    """
     _KINDS.add(kind)
     return kind
 
 
 def known(kind: type[T]) -> type[T]:
-    """Let `prove` know a kind of equations whose bounds the kernel answers for."""
+    """Let `prove` know a kind of equations, whose numbers were checked when they were made."""
     _EQUATIONS.add(kind)
     return kind
 

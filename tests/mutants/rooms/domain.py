@@ -25,6 +25,7 @@ ROOMS: tuple[Room, ...] = (
             "_expand",
             "_slopes",
             "Potential.magnitude",
+            "masses_of",
             "potential_of",
             "_padded",
             "potential_values",

@@ -6,7 +6,7 @@ import pytest
 import ccpin
 from ccpin.control import PDSimpleGravity
 from ccpin.control.stability.set_point.certified_cells import CellStore
-from ccpin.control.stability.set_point.flood import Flood, FloodLimits, connected
+from ccpin.control.stability.set_point.flood import Flood, FloodLimits
 from ccpin.control.stability.set_point.starting_cells import cells_around
 from tests.support.paper import GOAL, K_P, K_V
 
@@ -40,12 +40,3 @@ def test_a_face_where_members_disagree_stays_boundary_when_one_is_halved(torn, f
     assert any(not store[number].live for number, *_ in torn)
     least = min(store.well(number).range_over(face.lower, face.upper).upper for number, _, face in torn)
     assert 0.0 < found.level <= least
-
-
-def test_no_chain_of_cells_leads_across_a_face_where_members_disagree(torn, flooded):
-    """The cells that hold 𝒬 are reached from the set point's over faces at which σ was shown to be one."""
-    store, found = flooded
-    assert connected(store, found, GOAL)
-    for number, other, _ in torn:
-        assert other not in store[number].neighbours
-        assert number not in store[other].neighbours

@@ -10,6 +10,7 @@ from ccpin.control.stability.set_point.potential import (
     GravityBounds,
     Potential,
     gravity_bounds,
+    masses_of,
     potential_of,
     potential_values,
 )
@@ -66,7 +67,7 @@ def _subject(name, q=None, near=None):
     model = ccpin.ReducedModel(mechanism)
     start = mechanism.q_reference if near is None else near
     seed = seed_at_coordinates(mechanism, model.alpha(start) if q is None else q, start)
-    return Subject(mechanism, model, seed.reading, potential_of(mechanism, seed.reading), seed.theta)
+    return Subject(mechanism, model, seed.reading, potential_of(masses_of(mechanism, seed.reading)), seed.theta)
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +184,7 @@ def test_the_bounds_are_attained_by_a_lone_arm(half):
     mechanism = ccpin.load(described, independent=["q1", "q2"])
     seed = seed_at_coordinates(mechanism, np.array([0.0, 0.9]))
     problem = seed.reading.problem
-    potential = potential_of(mechanism, seed.reading, np.array([0.0, -fall, 0.0]))
+    potential = potential_of(masses_of(mechanism, seed.reading, np.array([0.0, -fall, 0.0])))
     attempt = certify_boxes(problem, seed.theta[None], np.array([[half, 1e-3]]), np.eye(2))
     assert attempt.proved[0]
     bounds, moment = gravity_bounds(problem, potential, attempt.boxes), mass * fall * length

@@ -7,7 +7,7 @@ import pytest
 
 import ccpin
 from ccpin.control.stability.set_point import potential as module
-from ccpin.control.stability.set_point.potential import _expand, potential_of, potential_values
+from ccpin.control.stability.set_point.potential import _expand, masses_of, potential_of, potential_values
 from ccpin.domain.closures.system import reading_of
 from ccpin.proof.equations import derivatives
 from ccpin.proof.newton import Boxes
@@ -22,7 +22,7 @@ def known(request):
     joint = {"slider_crank": "slider", "rpdr": "joint3"}[request.param]
     mechanism = ccpin.load(request.param, joints={joint: SPRINGS})
     reading = reading_of(mechanism, mechanism.q_reference)
-    return mechanism, reading, potential_of(mechanism, reading)
+    return mechanism, reading, potential_of(masses_of(mechanism, reading))
 
 
 def test_sizes_of_the_potential(known):
@@ -59,7 +59,7 @@ def test_bodies_with_mass_are_chains(known):
 
 def test_the_base_weighs_nothing():
     mechanisms = ccpin.load("rpdr"), heavy_based()
-    first, second = (len(potential_of(m, reading_of(m, m.q_reference)).forces) for m in mechanisms)
+    first, second = (len(potential_of(masses_of(m, reading_of(m, m.q_reference))).forces) for m in mechanisms)
     assert first == second
 
 
@@ -68,7 +68,7 @@ def test_circles_without_springs_are_bounded():
     free = {"kind": "continuous", "lower": -np.inf, "upper": np.inf}
     joints = tuple(replace(j, **free) if j.name == "joint3" else j for j in described.joints)
     mechanism = ccpin.load(replace(described, joints=joints))
-    assert len(potential_of(mechanism, reading_of(mechanism, mechanism.q_reference)).forces)
+    assert len(potential_of(masses_of(mechanism, reading_of(mechanism, mechanism.q_reference))).forces)
 
 
 def test_expansions_about_centres_that_are_open(known):

@@ -112,7 +112,9 @@ def law_at(q_d, free=None):
 def taken(monkeypatch):
     """`cells_of_atlas` with everything told."""
     told = SimpleNamespace(pairs={(0, 1), (1, 2)}, enclosed=None, asked=[], turned=None, sprung=False)
-    monkeypatch.setattr(module, "potential_of", lambda *_: "potential")
+    monkeypatch.setattr(module, "masses_of", lambda *_: "masses")
+    monkeypatch.setattr(module, "potential_of", lambda masses: "potential")
+    monkeypatch.setattr(module, "set_point_of", lambda law: law)
     monkeypatch.setattr(module, "_glued_pairs", lambda atlas: told.pairs)
     monkeypatch.setattr(module, "on_the_line", lambda one, potential: one._replace() if told.sprung else one)
     monkeypatch.setattr(module, "_turned_to_the_law", lambda *given: told.asked.append(given) or told.turned)
@@ -288,7 +290,9 @@ def test_a_first_cell_is_the_box_that_was_proved(monkeypatch, single):
     made = []
     monkeypatch.setattr(module, "_Trials", Trials)
     monkeypatch.setattr(module, "seed_at_coordinates", lambda *_: SimpleNamespace(reading="reading"))
-    monkeypatch.setattr(module, "potential_of", lambda *_: "potential")
+    monkeypatch.setattr(module, "masses_of", lambda *_: "masses")
+    monkeypatch.setattr(module, "potential_of", lambda masses: "potential")
+    monkeypatch.setattr(module, "set_point_of", lambda law: law)
     monkeypatch.setattr(module, "on_the_line", lambda *given: "line")
     law = SimpleNamespace(q_d=q_d, q_free_d=None, model=SimpleNamespace(mechanism=None, gravity_vector=None))
 
@@ -306,6 +310,7 @@ def test_a_first_cell_is_the_box_that_was_proved(monkeypatch, single):
     half = box.half[0]
     np.testing.assert_allclose(half / shape, half[0])
     np.testing.assert_array_equal(lower, q_d - half)
-    np.testing.assert_array_equal(upper, q_d + half)
+    np.testing.assert_array_equal(upper, corner + edges)  # as the cell beside it has it
+    np.testing.assert_allclose(upper, q_d + half, rtol=1e-15)
     np.testing.assert_array_equal(corner, q_d - half)
     np.testing.assert_array_equal(edges, 2.0 * half)

@@ -1,39 +1,75 @@
 """What a certificate of a set point says, just where it does and does not; what is asked of a flood, and of whom."""
 
+import pickle
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import ccpin
+from ccpin.control import PDSimpleGravity
 from ccpin.control.stability.set_point import theorem3 as module
 from ccpin.control.stability.set_point.flood import FloodLimits, Sublevel
 from ccpin.control.stability.set_point.theorem3 import SetPointCertificate, _MemberCells, _SampledRegion, certify_law
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
+from ccpin.proof.facts import NotProvedError
 from tests.support.flat_cells import boxes_about
+from tests.support.paper import GOAL, K_P, K_V
 
 
 def certificate(law=None, region=None, **more):
     known = {
         "law": law, "level": 2.0, "level_domain": 3.0, "beta": 1.0, "slope": 1.0, "gain": 4.0, "stiffness": 2.0,
-        "rigorous": True, "method": "", "limit": "domain", "touch": np.zeros(2), "proved": 3, "_region": region,
+        "rigorous": True, "method": "", "limit": "domain", "touch": np.zeros(2), "proved": 3,
+        "_region": region,
     }  # fmt: skip
     return SetPointCertificate(**known | more)
+
+
+@pytest.fixture(scope="module")
+def laws():
+    """Two laws that differ in K_v alone."""
+    model = ccpin.ReducedModel(ccpin.load("rpdr"))
+    return [PDSimpleGravity(model, GOAL, K_P, gain) for gain in (K_V, 2.0 * K_V)]
+
+
+@pytest.fixture(scope="module")
+def known(laws):
+    """What a few cells prove of the first."""
+    found = replace(certify_law(laws[0], max_depth=4, budget=12), gain=4.0, slope=1.0, stiffness=2.0)
+    assert found.verdict == "proven"
+    return found
 
 
 @pytest.mark.parametrize(
     ("given", "verdict"),
     [
         ({}, "proven"), ({"rigorous": False}, "undecided"),
-        ({"level": 0.0}, "undecided"), ({"level": 1e-300}, "proven"),
+        ({"level": 0.0}, "undecided"), ({"level": 1e-300}, "undecided"), ({"beta": 0.0}, "undecided"),
+        ({"_region": None}, "undecided"),
         ({"stiffness": -0.95e-9 * 4.0}, "proven"), ({"stiffness": -1.05e-9 * 4.0}, "refuted"),
         ({"stiffness": -3.0}, "refuted"), ({"slope": (1 + 0.95e-9) * 4.0}, "proven"),
         ({"slope": (1 + 1.05e-9) * 4.0}, "refuted"), ({"slope": 2.1}, "proven"), ({"slope": 3.9}, "proven"),
-        ({"slope": 4.3}, "refuted"), ({"slope": 9.0, "level": 0.0}, "refuted"),
+        ({"slope": 4.3}, "refuted"), ({"slope": 9.0, "_region": None}, "refuted"),
     ],
 )  # fmt: skip
-def test_verdicts_on_set_points(given, verdict):
-    """Refuted where at q_d itself K_p + ∂g/∂q is not positive definite or ‖∂g/∂q‖ is not below k."""
-    assert certificate(**given).verdict == verdict
+def test_verdicts_on_set_points(known, given, verdict):
+    """Proven where a fact says so; refuted where at q_d K_p + ∂g/∂q is not positive definite or ‖∂g/∂q‖ not below k."""
+    assert replace(known, **given).verdict == verdict
+
+
+def test_facts_of_other_things(known, laws):
+    """A fact about another law, a premise, what a file has, and a claim are no facts about this one."""
+    other, region = certify_law(laws[1], max_depth=4, budget=12), known._region
+    assert other.level == known.level
+    assert replace(known, law=laws[1]).verdict == "undecided"
+    told = pickle.loads(pickle.dumps(known.sublevel))
+    for fact, verdict in (
+        (other.sublevel, "undecided"), (known.sublevel.premises[0], "undecided"), (told, "undecided"),
+        (told.claim, "undecided"), (None, "undecided"), (known.sublevel.replay(), "proven"), (told.replay(), "proven"),
+    ):  # fmt: skip
+        assert replace(known, _region=replace(region, sublevel=fact)).verdict == verdict
 
 
 def test_what_is_assumed_of_a_mechanism(monkeypatch):
@@ -60,18 +96,26 @@ def test_states_from_which_motions_converge(monkeypatch):
 
 
 def test_configurations_of_the_cell_that_holds_a_point(monkeypatch):
-    """From its own centre; none where no cell holds it."""
+    """From its own centre, of cells in which {U < c} is 𝒬; none where no such cell holds it."""
     monkeypatch.setattr(module, "predict", lambda problem, box, delta: np.hstack([box.centre[:, :2] + delta, delta]))
-    lower, upper = np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[1.0, 1.0], [3.0, 1.0]])
-    store = SimpleNamespace(
-        boxes=lambda numbers: boxes_about([{4: (0.5, 0.5), 7: (2.0, 0.5)}[k] for k in numbers], [[1.0, 1.0]]),
-        problem=SimpleNamespace(system=SimpleNamespace(independent=np.array([0, 1]))),
-        reading=SimpleNamespace(configuration=lambda theta: theta),
+    reading = SimpleNamespace(
+        problem=None,
+        system=SimpleNamespace(independent=np.array([0, 1])),
+        configuration=lambda theta: theta,
     )
-    members = _MemberCells(store, (4, 7), lower, upper)
+    boxes = boxes_about([(4.0, 0.5), (0.5, 0.5), (2.0, 0.5)], [[1.0, 1.0]] * 3)
+    claim = SimpleNamespace(
+        lower=np.array([[3.0, 0.0], [0.0, 0.0], [1.0, 0.0]]), upper=np.array([[5.0, 1.0], [1.0, 1.0], [3.0, 1.0]])
+    )
+    solutions = SimpleNamespace(claim=SimpleNamespace(boxes=boxes))
+    found = {"within": np.array([False, True, True])}
+    members = _MemberCells(reading, SimpleNamespace(found=found, claim=claim, premises=(solutions,)))
+    np.testing.assert_array_equal(members.lower, [[0.0, 0.0], [1.0, 0.0]])
+    np.testing.assert_array_equal(members.upper, [[1.0, 1.0], [3.0, 1.0]])
     np.testing.assert_allclose(members.near(np.array([2.5, 0.25])), [2.5, 0.25, 0.5, -0.25])
     np.testing.assert_allclose(members.near(np.array([0.25, 1.0])), [0.25, 1.0, -0.25, 0.5])
-    assert members.near(np.array([2.0, 1.5])) is None
+    for outside in ([2.0, 1.5], [4.0, 0.5]):
+        assert members.near(np.array(outside)) is None
 
 
 def test_configurations_in_a_sampled_region():
@@ -98,7 +142,7 @@ GAINS = np.diag([4.0, 6.0])
 @pytest.fixture
 def asked(monkeypatch):
     """`certify_law` with floods that tell what is given."""
-    told = SimpleNamespace(found=[], floods=[], proved=7)
+    told = SimpleNamespace(found=[], floods=[], proved=7, asked=[], fact=lambda: fact(1.25, 3.0))
 
     class Told:
         def __init__(self, store, good, budget, go_on):
@@ -111,14 +155,15 @@ def asked(monkeypatch):
     class Atlas(SimpleNamespace):
         pass
 
-    store = SimpleNamespace(proved=told.proved)
+    store = SimpleNamespace(proved=told.proved, reading="reading")
     monkeypatch.setattr(module, "Flood", Told)
     monkeypatch.setattr(module, "Atlas", Atlas)
     monkeypatch.setattr(module, "_check", lambda law: None)
     monkeypatch.setattr(module, "require_about", lambda *_: None)
     monkeypatch.setattr(module, "cells_around", lambda *_: store)
     monkeypatch.setattr(module, "cells_of_atlas", lambda *_: store)
-    monkeypatch.setattr(module, "_members", lambda *_: "members")
+    monkeypatch.setattr(module, "SetPointEquations", SimpleNamespace(of=lambda law, reading: (law, reading)))
+    monkeypatch.setattr(module, "proved_sublevel", lambda *given: told.asked.append(given) or told.fact())
     monkeypatch.setattr(module, "_sampled", lambda *_: "sampled")
     told.atlas = Atlas(boxes=SimpleNamespace(kappa=np.zeros(5)))
     told.law = SimpleNamespace(
@@ -127,8 +172,12 @@ def asked(monkeypatch):
     return told
 
 
-def sublevel(level, limit, beta=3.0):
-    return Sublevel(level, (1, 2), beta, limit, np.array([1.0, 2.0]))
+def sublevel(level, limit):
+    return Sublevel(level, (1, 2) if level else (), limit, np.array([1.0, 2.0]))
+
+
+def fact(level, beta):
+    return SimpleNamespace(found={"level": np.array([level]), "beta": np.array([beta])})
 
 
 def well(beta, effort):
@@ -136,18 +185,37 @@ def well(beta, effort):
 
 
 def test_certificates_of_levels(asked):
-    """K, the least eigenvalue of K_p + ∂g/∂q and ‖∂g/∂q‖₂ at q_d; β of the members, or at q_d."""
+    """The level and β that were proved of the members; k, and at q_d what K_p + ∂g/∂q and ‖∂g/∂q‖₂ are."""
     asked.found = [sublevel(1.5, "domain")]
     made = certify_law(asked.law)
-    assert (made.level, made.level_domain, made.beta, made.limit, made.rigorous) == (1.5, 1.5, 3.0, "domain", True)
+    assert (made.level, made.level_domain, made.beta, made.limit, made.rigorous) == (1.25, 1.5, 3.0, "domain", True)
+    (((law, reading), store, members),) = asked.asked
+    assert (law, reading, store.proved, members) == (asked.law, "reading", 7, (1, 2))
+    assert (made._region.reading, made.sublevel.found["level"][0]) == ("reading", 1.25)
     assert made.gain == 4.0
     assert made.stiffness == pytest.approx(np.linalg.eigvalsh(GAINS + GRAVITY)[0], rel=1e-12)
     assert made.slope == pytest.approx(np.linalg.norm(GRAVITY, 2), rel=1e-12)
     assert made.proved == 7
     assert len(asked.floods) == 1
+
+
+def test_levels_that_are_not_found_or_not_proved(asked):
+    """Nothing is known of them but what is so at q_d; that one was refused is said."""
+    asked.found = [sublevel(0.0, "domain")]
+    made = certify_law(asked.law)
+    assert (made.level, made.limit, made.sublevel, made._region, asked.asked) == (0.0, "domain", None, None, [])
+    assert made.beta == pytest.approx(np.linalg.norm(GRAVITY, 2), rel=1e-12)
     asked.floods.clear()
-    asked.found = [sublevel(0.0, "domain", np.nan)]
-    assert certify_law(asked.law).beta == pytest.approx(np.linalg.norm(GRAVITY, 2), rel=1e-12)
+    asked.found = [sublevel(1.5, "domain")]
+
+    def refuse():
+        raise NotProvedError
+
+    asked.fact = refuse
+    made = certify_law(asked.law)
+    assert (made.level, made.level_domain, made.limit, made.sublevel, made._region) == (0.0, 1.5, "refused", None, None)
+    assert made.beta == pytest.approx(np.linalg.norm(GRAVITY, 2), rel=1e-12)
+    assert "did not hold" in made.reason
 
 
 def test_members_are_good_where_the_gain_condition_holds_and_motors_have_a_grip(asked):
@@ -167,7 +235,7 @@ def test_levels_whatever_the_gains(asked, limit):
         asked.floods.clear()
         asked.found = [sublevel(1.5, limit), sublevel(second, "domain")]
         made = certify_law(asked.law, max_depth=3, budget=11)
-        assert (made.level, made.level_domain) == (1.5, expected)
+        assert (made.level, made.level_domain) == (1.25, expected)
         (_, first), (good, more) = asked.floods
         assert (first, more) == (FloodLimits(3, 11), FloodLimits(3, 11 + 7))
         assert good(well(99.0, 1e-300))

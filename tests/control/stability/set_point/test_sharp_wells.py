@@ -16,7 +16,7 @@ from ccpin.control.stability.set_point.gains import (
     _what_is_too_much,
     gravity_slope_over,
 )
-from ccpin.control.stability.set_point.well import Well, _efforts, wells
+from ccpin.control.stability.set_point.well import SetPoint, Well, _efforts, set_point_of, wells
 from ccpin.errors import InvalidInputError, UnattainableGainsError
 from tests.support.paper import GOAL, K_P, K_V
 
@@ -82,14 +82,7 @@ def test_minima_at_the_corners_of_wells_that_are_not_convex():
 def test_wells_by_their_definition():
     """V − V_d + q̃ᵀg_d + ½q̃ᵀK_p q̃, its gradient and Hessian, and 1e-12 of what they are added from."""
     K_p = np.array([[11.0, 2.0], [2.0, 9.0]])
-    model = SimpleNamespace(
-        n=2,
-        energy=lambda *_: SimpleNamespace(potential=-3.0),
-        mechanism=SimpleNamespace(actuated=("a", "b"), independent=("a", "b")),
-    )
-    law = SimpleNamespace(
-        model=model, q_d=np.array([0.5, -0.25]), q_free_d=None, gravity_d=np.array([4.0, -5.0]), K_p=K_p
-    )
+    law = SetPoint(np.array([0.5, -0.25]), K_p, K_p, np.array([4.0, -5.0]), -3.0, None)
     centres, half = np.array([[0.75, 0.5], [0.0, 0.0]]), np.array([[0.1, 0.2], [0.3, 0.1]])
     bounds = SimpleNamespace(
         value=np.array([-2.0, 7.0]),
@@ -117,8 +110,7 @@ def test_the_grip_of_motors_by_weyls_inequality():
     S = np.array([[1.0, 0.0, 2.0], [0.0, -1.0, 1.0]])
     slopes = np.random.default_rng(1).normal(size=(2, 4, 2))
     turning = np.abs(np.random.default_rng(2).normal(size=(2, 4, 2)))
-    mechanism = SimpleNamespace(actuated=("a", "b"), independent=("b", "a"), actuation=S, n_free=3)
-    law = SimpleNamespace(model=SimpleNamespace(mechanism=mechanism))
+    law = SetPoint(np.zeros(2), np.eye(2), np.eye(2), np.zeros(2), 0.0, S)
     expected = [
         np.linalg.svd(S @ D[:3])[1].min() - np.sqrt(np.sum((np.abs(S) @ t[:3]) ** 2))
         for D, t in zip(slopes, turning, strict=True)
@@ -126,6 +118,21 @@ def test_the_grip_of_motors_by_weyls_inequality():
     np.testing.assert_allclose(_efforts(law, slopes, turning), expected, rtol=1e-9)
     exact = _efforts(law, np.eye(3)[None, :, :2] * 1.0, np.zeros((1, 3, 2)))
     assert exact[0] == pytest.approx(1.0 - 1e-12, abs=1e-14)
+
+
+@pytest.mark.parametrize(("independent", "elsewhere"), [(("a", "b"), False), (("b", "a"), True)])
+def test_the_numbers_of_a_law(independent, elsewhere):
+    """Its own, V at q_d in its configuration, and S where its motors sit elsewhere."""
+    asked, S = [], np.eye(2)
+    model = SimpleNamespace(
+        n=2,
+        energy=lambda *given: asked.append(given) or SimpleNamespace(potential=-3.0),
+        mechanism=SimpleNamespace(actuated=("a", "b"), independent=independent, actuation=S),
+    )
+    law = SimpleNamespace(model=model, q_d="q_d", q_free_d="q′_d", gravity_d="g", K_p="K_p", K_v="K_v")
+    assert set_point_of(law) == ("q_d", "K_p", "K_v", "g", -3.0, S if elsewhere else None)
+    ((q, v, free),) = asked
+    assert (q, free, v.tolist()) == ("q_d", "q′_d", [0.0, 0.0])
 
 
 # Gains.

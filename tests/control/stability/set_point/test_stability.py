@@ -225,19 +225,23 @@ def test_kinetic_energy_counts():
 def test_well_is_at_least_c_on_the_boundary(name):
     """Attack the level: no point of the cells' outer faces has U below c, and no sample in a cell leaves its bounds."""
     law, certificate, _ = _case(name)
-    store, members = certificate._region.store, certificate._region.members
     rng, rest = np.random.default_rng(4), np.zeros(law.model.n)
-    chosen = members if len(members) < 60 else rng.choice(members, 60, replace=False)
-    for number in chosen:
-        cell = store[number]
-        near = certificate._region.near(0.5 * (cell.lower + cell.upper))
-        for q in rng.uniform(cell.lower, cell.upper, (4, law.model.n)):
+    members = list(zip(*certificate.cells, _wells(certificate), strict=True))
+    chosen = range(len(members)) if len(members) < 60 else rng.choice(len(members), 60, replace=False)
+    for lower, upper, well in (members[k] for k in chosen):
+        near = certificate._region.near(0.5 * (lower + upper))
+        for q in rng.uniform(lower, upper, (4, law.model.n)):
             value = law.lyapunov(q, rest, near)
-            assert abs(value - cell.well.quadratic(q - cell.well.centre)) <= cell.well.remainder
-            found = cell.well.range_over(cell.lower, cell.upper)
-            assert found.lower <= value
-            assert np.linalg.norm(law.model.gravity_derivative(q, near), 2) <= cell.well.beta
+            assert abs(value - well.quadratic(q - well.centre)) <= well.remainder
+            assert well.range_over(lower, upper).lower <= value
+            assert np.linalg.norm(law.model.gravity_derivative(q, near), 2) <= well.beta
     assert min(law.lyapunov(q, rest) for q in _outer_points(certificate, rng)) >= certificate.level
+
+
+def _wells(certificate):
+    """U over the cells that hold 𝒬, as the claim has it."""
+    claim, within = certificate.sublevel.claim, certificate.sublevel.found["within"]
+    return claim.wells(certificate.sublevel.premises[0].claim.boxes.take(within))
 
 
 def _outer_points(certificate, rng):
@@ -384,14 +388,13 @@ def test_motors_elsewhere_than_on_the_coordinates(motors):
     model = ccpin.ReducedModel(ccpin.load("rpdr", independent=["joint1", "joint2"], actuated=list(motors)))
     certificate = certify_set_point(model, GOAL, K_P, K_V, max_depth=8, budget=60)
     assert certificate.verdict == "proven"
-    rng, store = np.random.default_rng(2), certificate._region.store
-    for number in certificate._region.members[::3]:
-        cell = store[number]
-        assert 0.0 < cell.well.effort < np.inf
-        for q in rng.uniform(cell.lower, cell.upper, (8, 2)):
+    rng = np.random.default_rng(2)
+    for lower, upper, well in list(zip(*certificate.cells, _wells(certificate), strict=True))[::3]:
+        assert 0.0 < well.effort < np.inf
+        for q in rng.uniform(lower, upper, (8, 2)):
             state = model.at(q, certificate.law.near)
             least = np.linalg.svd(state.reference.transmission, compute_uv=False)[-1]
-            assert cell.well.effort <= least + 1e-12
+            assert well.effort <= least + 1e-12
 
 
 def test_where_motors_lose_their_grip_the_set_ends():

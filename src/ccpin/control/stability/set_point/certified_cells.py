@@ -10,24 +10,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
 from ccpin.arrays import Array, Indices, joined
-from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.potential import Potential, gravity_bounds
-from ccpin.control.stability.set_point.well import Well, wells
+from ccpin.control.stability.set_point.sublevel_claim import CellPart, exposed
+from ccpin.control.stability.set_point.well import SetPoint, Well, wells
 from ccpin.covering.proposals.solving import glued
 from ccpin.covering.proposals.tasks import CellsToProve, prove
 from ccpin.domain.closures.system import Reading
 from ccpin.proof.equations import Problem, closures_of
 from ccpin.proof.newton import Boxes, check, predict
-from ccpin.proof.rounding import widened
+from ccpin.proof.rounding import UNIT_ROUNDOFF, widened
 
 Proof = Literal["untried", "proved", "failed"]
-_SHARED = 1e-9  # of an edge: what rounding leaves between two faces that are one
-_COVERED = 1e-11  # of a face's area: what rounding leaves uncovered
+_ONE = 16.0 * UNIT_ROUNDOFF  # of 1 + |q|: corners so near are one that was rounded twice
 _ROOM = 0.01  # of R and κ: by how much they are raised, and checked again
 _ROOM_AT_LEAST = 1e-11  # on R, rad or m: for tubes as thin as rounding
 
@@ -38,16 +37,16 @@ def holding(lower: Array, upper: Array, q: Array) -> Indices:
     return np.flatnonzero(np.all(np.abs(q - middle) <= 0.5 * (half + widened(middle, half)), axis=1))
 
 
-class Face(NamedTuple):
-    """The common part of two cells' faces, as corners of shape (n,)."""
-
-    lower: Array
-    upper: Array
-
-    @property
-    def middle(self) -> Array:
-        """Its middle."""
-        return 0.5 * (self.lower + self.upper)
+def aligned(lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Corners (K, n) of which those that are one but for roundings are one to the last bit."""
+    both = np.concatenate([lower, upper])
+    for column in both.T:
+        order = np.argsort(column)
+        values = column[order]
+        begins = np.flatnonzero(np.diff(values, prepend=-np.inf) > _ONE * (1.0 + np.abs(values)))
+        ends = np.append(begins[1:], len(values)) - 1
+        column[order] = np.repeat(0.5 * (values[begins] + values[ends]), ends + 1 - begins)
+    return both[: len(lower)], both[len(lower) :]
 
 
 @dataclass(eq=False)
@@ -82,7 +81,7 @@ class CellStore:
     Args:
         reading: The closures, and how their coordinates and configurations correspond.
         potential: V′ in the same chart.
-        law: The set point and K_p.
+        law: The law's numbers.
         lattice: (corner of cell (0, …, 0), edge lengths) of a lattice that may grow; ``None``: it may not.
 
     Attributes:
@@ -91,7 +90,7 @@ class CellStore:
     """
 
     def __init__(
-        self, reading: Reading, potential: Potential, law: PDSimpleGravity, lattice: tuple[Array, Array] | None
+        self, reading: Reading, potential: Potential, law: SetPoint, lattice: tuple[Array, Array] | None
     ) -> None:
         self.reading, self.problem, self.potential, self.law = reading, reading.problem, potential, law
         self.cells: list[Cell] = []
@@ -105,7 +104,7 @@ class CellStore:
 
     def add_proved(self, boxes: Boxes, lower: Array, upper: Array, touching: Iterable[tuple[int, int]]) -> None:
         """Cells that come with their boxes, and the pairs of them that touch and are glued; no work is counted."""
-        for corner, end in zip(lower, upper, strict=True):
+        for corner, end in zip(*aligned(lower, upper), strict=True):
             self._append(Cell(corner, end, 0, None))
         for i, j in touching:
             if self.face(i, j) is not None:
@@ -131,36 +130,17 @@ class CellStore:
         assert well is not None
         return well
 
-    def face(self, i: int, j: int) -> Face | None:
+    def face(self, i: int, j: int) -> CellPart | None:
         """What two cells share: a face of positive area, or ``None``."""
         a, b = self.cells[i], self.cells[j]
         low, high = np.maximum(a.lower, b.lower), np.minimum(a.upper, b.upper)
-        small = _SHARED * np.minimum(a.upper - a.lower, b.upper - b.lower)
-        flat = np.abs(high - low) <= small
-        if int(flat.sum()) != 1 or not np.all(flat | (high > low)):
-            return None
-        return Face(low, np.where(flat, low, high))
+        return CellPart(low, high) if np.all(low <= high) and np.sum(low == high) == 1 else None
 
-    def exposed(self, number: int) -> list[Face]:
-        """Whole faces of a cell that are not covered by its neighbours."""
-        cell, found = self.cells[number], []
-        shared = [self.face(number, other) for other in cell.neighbours]
-        for k in range(len(cell.lower)):
-            for end in (cell.lower, cell.upper):
-                low, high = cell.lower.copy(), cell.upper.copy()
-                low[k] = high[k] = end[k]
-                others = np.arange(len(low)) != k
-                tolerance = _SHARED * (cell.upper[k] - cell.lower[k])
-                area = sum(
-                    float(np.prod((face.upper - face.lower)[others]))
-                    for face in shared
-                    if face is not None
-                    and face.upper[k] - face.lower[k] == 0.0
-                    and abs(face.lower[k] - end[k]) <= tolerance
-                )
-                if area < (1.0 - _COVERED) * float(np.prod((high - low)[others])):
-                    found.append(Face(low, high))
-        return found
+    def exposed(self, number: int) -> list[CellPart]:
+        """What of a cell's faces is not covered by its neighbours."""
+        cell = self.cells[number]
+        beside = [CellPart(other.lower, other.upper) for other in map(self.cells.__getitem__, cell.neighbours)]
+        return list(exposed(CellPart(cell.lower, cell.upper), beside))
 
     def extend(self, number: int) -> None:
         """Lay the lattice cells beside a cell's own where there are none."""

@@ -1,8 +1,8 @@
 """The largest sublevel set of U around q_d that lies in good cells, by flooding them from the bottom.
 
-Lemma F of `ccpin/proof/theorems/sublevel.md`: every union G of cells on the way proves a level, the least lower bound
-of U over the faces of its boundary; the highest of them is kept. Cells that carry different σ at a face are no
-neighbours in the store, nor are their halves. The lemma's membership is `connected`.
+Lemma F of `ccpin/proof/theorems/sublevel.md`: every union G of cells on the way has a level, the least lower bound of U
+over the faces of its boundary; the highest of them is kept. Cells that carry different σ at a face are no neighbours in
+the store, nor are their halves. All of it is a proposal: `sublevel_claim` checks G alone, and finds its level again.
 
 The flood adds, one by one, the cell behind the lowest face of G's boundary. A cell that is not good (not proved, or
 with ‖∂g/∂q‖ too large) is halved; where that is not allowed or could not raise the level noticeably, the face is
@@ -18,10 +18,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.control.stability.set_point.certified_cells import Cell, CellStore, Face, holding
+from ccpin.control.stability.set_point.certified_cells import Cell, CellStore, holding
+from ccpin.control.stability.set_point.sublevel_claim import CellPart
 from ccpin.control.stability.set_point.well import Well
 
-Limit = Literal["domain", "gain", "budget", "depth", "interrupted"]
+Limit = Literal["domain", "gain", "budget", "depth", "interrupted", "refused"]
 _AHEAD = 16  # cells proved in one batch, those next in the flood: costs at most proofs that are not used
 
 
@@ -40,19 +41,17 @@ class FloodLimits(NamedTuple):
 
 
 class Sublevel(NamedTuple):
-    """What a flood proved.
+    """What a flood found; it is proved elsewhere (`SublevelProved`).
 
     Attributes:
-        level: c in joules; {U < c} around q_d lies in the members (0: nothing proved).
+        level: c in joules; {U < c} around q_d lies in the members (0: nothing found).
         members: Numbers of the cells.
-        beta: Largest bound of ‖∂g/∂q‖ over the members that meet {U < c}; NaN without members.
         limit: What ended the flood.
         point: Where, of shape (n,).
     """
 
     level: float
     members: tuple[int, ...]
-    beta: float
     limit: Limit
     point: Array
 
@@ -71,7 +70,7 @@ class _Entry(NamedTuple):
     serial: int
     inside: int
     beyond: int
-    face: Face
+    face: CellPart
     point: Array
     slack: float
 
@@ -100,19 +99,12 @@ class Flood:
         """Flood from the cells that hold q_d."""
         start = self._start(q_d)
         if isinstance(start, str):
-            return Sublevel(0.0, (), float("nan"), start, q_d)
+            return Sublevel(0.0, (), start, q_d)
         for number in start:
             self._add(number)
         limit, point = self._flood(q_d)
         chosen = tuple(number for number, order in self._members.items() if order <= self._at_level)
-        if self._level <= 0.0:
-            return Sublevel(0.0, (), float("nan"), limit, point)
-        wells = [
-            cell.well
-            for cell in map(self._store.__getitem__, chosen)
-            if cell.well is not None and cell.well.range_over(cell.lower, cell.upper).lower < self._level
-        ]
-        return Sublevel(self._level, chosen, max(well.beta for well in wells), limit, point)
+        return Sublevel(self._level, chosen, limit, point) if self._level > 0.0 else Sublevel(0.0, (), limit, point)
 
     def _start(self, q_d: Array) -> list[int] | Limit:
         """Good cells around q_d, halved until they are; what forbids it, where they never are."""
@@ -233,7 +225,7 @@ class Flood:
         if face is not None:
             self._push_face(inside, beyond, face)
 
-    def _push_face(self, inside: int, beyond: int, face: Face) -> None:
+    def _push_face(self, inside: int, beyond: int, face: CellPart) -> None:
         found = self._store.well(inside).range_over(face.lower, face.upper)
         self._serial += 1
         slack = found.upper - found.lower
@@ -249,21 +241,6 @@ class Flood:
 
     def _spent(self) -> bool:
         return self._store.proved >= self._limits.cells
-
-
-def connected(store: CellStore, found: Sublevel, q_d: Array) -> tuple[int, ...]:
-    """The members, convex by the gain condition, in which {U < c} is proved to be a part of 𝒬."""
-    members = set(found.members)
-    pending = [k for k in members if _holds(store[k], q_d)]
-    reached = set(pending)
-    while pending:
-        number = pending.pop()
-        for other in (store[number].neighbours & members) - reached:
-            face = store.face(number, other)
-            if face is not None and store.well(number).range_over(face.lower, face.upper).upper < found.level:
-                reached.add(other)
-                pending.append(other)
-    return tuple(sorted(reached))
 
 
 def _holds(cell: Cell, q: Array) -> bool:

@@ -15,7 +15,7 @@ from ccpin.domain.closures.scalar_coordinates import elementary_joints
 from ccpin.domain.closures.system import Reading, chain_of, steps_along
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.proof.chains import ChainStack, gather, stack_chains
+from ccpin.proof.chains import Chain, ChainStack, gather, stack_chains
 from ccpin.proof.equations import Problem, derivatives
 from ccpin.proof.newton import Boxes
 from ccpin.proof.reach_bounds import chain_reach
@@ -258,8 +258,16 @@ class PotentialValues(NamedTuple):
     arms: Array
 
 
-def potential_of(mechanism: Mechanism, reading: Reading, gravity: Array | None = None) -> Potential:
-    """V′ of a mechanism in the chart of its closures, under gravity (m/s², world axes; default the file's).
+class BodiesAndSprings(NamedTuple):
+    """What V′ is made of: a chain of weights (1, 3) a body, and k and θ₀ of the springs, of shape (n′,)."""
+
+    chains: tuple[Chain, ...]
+    stiffness: Array
+    rest: Array
+
+
+def masses_of(mechanism: Mechanism, reading: Reading, gravity: Array | None = None) -> BodiesAndSprings:
+    """The bodies and springs of a mechanism in the chart of its closures, under gravity (m/s²; default the file's).
 
     Raises:
         UnsupportedMechanismError: No movable link has mass, or a ball joint has a spring.
@@ -280,14 +288,20 @@ def potential_of(mechanism: Mechanism, reading: Reading, gravity: Array | None =
         raise UnsupportedMechanismError(
             f"{mechanism.name}: no movable link has mass, so there is no potential to bound"
         )
+    return BodiesAndSprings(tuple(chains), _padded(joints.stiffness, size), _padded(joints.spring_reference, size))
+
+
+def potential_of(masses: BodiesAndSprings) -> Potential:
+    """V′ of bodies and springs."""
+    chains, size = masses.chains, len(masses.stiffness)
     depth = max(len(chain.joints) for chain in chains)
     lengths = [np.linalg.norm(c.translations, axis=1).sum() + np.linalg.norm(c.tip) for c in chains]
     return Potential(
-        stack=stack_chains(tuple(chains), size, 1),
+        stack=stack_chains(chains, size, 1),
         forces=np.array([np.linalg.norm(chain.weights) for chain in chains]),
         lengths=np.array(lengths),
-        stiffness=_padded(joints.stiffness, size),
-        rest=_padded(joints.spring_reference, size),
+        stiffness=masses.stiffness,
+        rest=masses.rest,
         rounding=(128.0 * (depth + 2) + 4.0 * size) * UNIT_ROUNDOFF,
     )
 

@@ -18,8 +18,8 @@ from ccpin.arrays import Array, Indices, Mask
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.certified_cells import CellStore, holding
 from ccpin.control.stability.set_point.flood import FloodLimits
-from ccpin.control.stability.set_point.potential import Potential, gravity_bounds, potential_of
-from ccpin.control.stability.set_point.well import Well, wells
+from ccpin.control.stability.set_point.potential import Potential, gravity_bounds, masses_of, potential_of
+from ccpin.control.stability.set_point.well import Well, set_point_of, wells
 from ccpin.covering.faces import contacts_of
 from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.covering.proposals.solving import glued
@@ -60,12 +60,12 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
     delta = law.q_d - boxes.centre[:, system.independent]
     if not np.all(encloses(atlas.problem, boxes, delta, theta, np.zeros((len(around), system.m)))):
         raise InvalidInputError("the set point's configuration is on another branch (assembly mode) than the atlas")
-    potential = potential_of(mechanism, atlas.reading, law.model.gravity_vector)
+    potential = potential_of(masses_of(mechanism, atlas.reading, law.model.gravity_vector))
     reading = on_the_line(atlas.reading, potential)
     boxes, kept, pairs = atlas.boxes, np.arange(len(atlas.lower)), _glued_pairs(atlas)
     if reading is not atlas.reading:
         boxes, kept, pairs = _turned_to_the_law(reading.problem, atlas, pairs, around, law)
-    store = CellStore(reading, potential, law, None)
+    store = CellStore(reading, potential, set_point_of(law), None)
     store.add_proved(boxes, atlas.lower[kept], atlas.upper[kept], pairs)
     store.whole = len(kept) == len(atlas.lower) and len(pairs) == len(_glued_pairs(atlas))
     return store
@@ -173,7 +173,7 @@ def cells_around(law: PDSimpleGravity, gain: float, limits: FloodLimits) -> Cell
     """
     model = law.model
     seed = seed_at_coordinates(model.mechanism, law.q_d, law.q_free_d)
-    potential = potential_of(model.mechanism, seed.reading, model.gravity_vector)
+    potential = potential_of(masses_of(model.mechanism, seed.reading, model.gravity_vector))
     trials = _Trials(law, seed, potential)
     single = limits.cells <= 1
     best, level, factor = None, -np.inf, _LARGEST
@@ -196,9 +196,9 @@ def cells_around(law: PDSimpleGravity, gain: float, limits: FloodLimits) -> Cell
         )
     if not single:
         best = trials.box(_LATTICE * float(np.max(best.half[0] / trials.proportions))) or best
-    half = best.half[0]
-    store = CellStore(on_the_line(seed.reading, potential), potential, law, (law.q_d - half, 2.0 * half))
-    store.add_first(best, law.q_d - half, law.q_d + half)
+    corner, edges = law.q_d - best.half[0], 2.0 * best.half[0]
+    store = CellStore(on_the_line(seed.reading, potential), potential, set_point_of(law), (corner, edges))
+    store.add_first(best, corner, corner + edges)
     return store
 
 
@@ -206,7 +206,7 @@ class _Trials:
     """Boxes of one shape around q_d."""
 
     def __init__(self, law: PDSimpleGravity, seed: Seed, potential: Potential) -> None:
-        self._law, self._seed, self._problem, self._potential = law, seed, seed.reading.problem, potential
+        self._law, self._seed, self._problem, self._potential = set_point_of(law), seed, seed.reading.problem, potential
         stiffness = law.K_p + law.model.gravity_derivative(law.q_d, law.q_free_d)
         slopes = np.linalg.norm(law.model.rho(law.q_free_d), axis=0)
         softness = np.diag(np.linalg.inv(stiffness)) if np.linalg.eigvalsh(stiffness)[0] > 0.0 else slopes**-2

@@ -1,39 +1,38 @@
 """Theorem 3 as a tool: from which states does a PD law with simple gravity compensation reach its set point?
 
-Theorem 3 of `ccpin/proof/theorems/set_point.md`, with what dry friction leaves of it. Its hypotheses are looked at in
-
-1. K_p and K_v: `gain_matrix`; D: `assumes` says where it is taken to be positive definite.
-2. `_check`.
-3. Theorem N on every cell, and a cell's gluing to each neighbour (`certified_cells`); V a function on G though springs
-   are none modulo 2π (`starting_cells`).
-4. `cells_of_atlas`, `cells_around`.
-5. `Flood`: a face at which two cells carry different σ is boundary.
-6. and 7. The wells of every cell that is a member: `beta` and `effort` of `Well`.
+Theorem 3 of `ccpin/proof/theorems/set_point.md`, with what dry friction leaves of it. A flood (`Flood`) proposes cells;
+that a level is proven is a fact, `SublevelProved`, and the theorem says who checks which of its hypotheses.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, listener, vector, whole
 from ccpin.control.laws import PDSimpleGravity, kind_of, least_eigenvalue
-from ccpin.control.stability.set_point.certified_cells import CellStore, holding
-from ccpin.control.stability.set_point.flood import Flood, Flooded, FloodLimits, Limit, Sublevel, connected
+from ccpin.control.stability.set_point.certified_cells import holding
+from ccpin.control.stability.set_point.flood import Flood, Flooded, FloodLimits, Limit
+from ccpin.control.stability.set_point.set_point_equations import SetPointEquations
 from ccpin.control.stability.set_point.starting_cells import cells_around, cells_of_atlas
+from ccpin.control.stability.set_point.sublevel_claim import SublevelProved
+from ccpin.control.stability.set_point.sublevel_proof import proved_sublevel
 from ccpin.control.stability.set_point.well import Well, checked_region, sample_region
 from ccpin.covering.region import Corners
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.closures.packing import require_about
+from ccpin.domain.closures.system import Reading
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.coordinates import checked_q
 from ccpin.mechanism.assumptions import limits_left_out, mass_assumed, rubbing, without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.proof.newton import predict
+from ccpin.proof.facts import Fact, NotProvedError
+from ccpin.proof.newton import Boxes, predict
 from ccpin.proof.verdict import Verdict
 from ccpin.work import stoppable
 
@@ -46,6 +45,7 @@ _LIMITS = {
     "budget": "the number of cells allowed",
     "depth": "how often a cell may be halved",
     "interrupted": "the interruption",
+    "refused": "what was found and did not hold when it was to be proved",
 }
 _FAILED = {
     "domain": "no cell around q_d lies in the domain: its edge, or what could not be proved of it, comes too near",
@@ -53,6 +53,7 @@ _FAILED = {
     "budget": "the cells allowed were spent before ‖∂g/∂q‖ was bounded below k around q_d",
     "depth": "‖∂g/∂q‖ could not be bounded below k on cells around q_d as small as allowed",
     "interrupted": "the work was interrupted before ‖∂g/∂q‖ was bounded below k around q_d",
+    "refused": "a level was found, and did not hold when it was to be proved",
 }
 _CLEAR = 1e-9  # of the gain: refuted by more than rounding
 
@@ -68,14 +69,16 @@ class SetPointCertificate:
             is not positive definite, or ‖∂g/∂q‖ ≥ k, so there is no B₂ of Theorem 3 about it, however small.
             ``"undecided"``: neither; `reason` says what was spent and what more would do.
         level: c in joules; 0 where none was found, an estimate where not `rigorous`.
-        level_domain: The largest level found with 𝒬 in the domain, whatever the gains (at least `level`).
+        level_domain: The largest level found with 𝒬 in the domain, whatever the gains (at least `level`); what is more
+            than `level` is what a search found, not proved again.
         beta: β over the cells that meet 𝒬; at q_d alone where there is no level.
         slope: ‖∂g/∂q‖₂ at q_d.
         gain: k, the least eigenvalue of K_p.
         stiffness: Least eigenvalue of K_p + ∂g/∂q at q_d; the set point is unstable where it is negative.
         rigorous: Whether `level` and `beta` are bounds (else estimates from samples).
         method: How they were found, in words.
-        limit: What keeps c from being larger: the domain, the gain condition, the number of cells, their depth, Ctrl-C.
+        limit: What keeps c from being larger: the domain, the gain condition, the number of cells, their depth, Ctrl-C;
+            ``"refused"``: what a search found was not proved.
         touch: Where, of shape (n,).
         proved: How many cells were proved for it, beyond an atlas's own.
     """
@@ -102,7 +105,7 @@ class SetPointCertificate:
         """See the attributes."""
         if self.stiffness < -_CLEAR * self.gain or self.slope > (1.0 + _CLEAR) * self.gain:
             return "refuted"
-        return "proven" if self.rigorous and self.level > 0.0 else "undecided"
+        return "proven" if self._is_fact else "undecided"
 
     @property
     def reason(self) -> str:
@@ -122,6 +125,23 @@ class SetPointCertificate:
         if not self.rigorous:
             return f"nothing is proved: on samples c is about {self.level:.6g} J, {told}; over an atlas it is proved"
         return f"{_FAILED[self.limit]}; {self._more}"
+
+    @property
+    def sublevel(self) -> Fact | None:
+        """The fact about the level, the cells and β (`SublevelProved`); without it none is proven."""
+        return self._region.sublevel if isinstance(self._region, _MemberCells) else None
+
+    @cached_property
+    def _is_fact(self) -> bool:
+        """Whether the level and β are those of a fact, which is about the law."""
+        region = self._region
+        if not isinstance(region, _MemberCells) or type(region.sublevel) is not Fact:
+            return False
+        fact = region.sublevel
+        if type(fact.claim) is not SublevelProved:
+            return False
+        told = (self.level, self.beta) == (fact.found["level"][0], fact.found["beta"][0])
+        return self.rigorous and told and SetPointEquations.of(self.law, region.reading).digest == fact.digest
 
     @property
     def assumes(self) -> tuple[str, ...]:
@@ -164,22 +184,30 @@ class SetPointCertificate:
 
 @dataclass(frozen=True, eq=False)
 class _MemberCells:
-    """Cells that hold 𝒬."""
+    """Cells of a fact that hold 𝒬: those in which {U < c} is a part of it."""
 
-    store: CellStore
-    members: tuple[int, ...]
-    lower: Array
-    upper: Array
+    reading: Reading
+    sublevel: Fact
+
+    @cached_property
+    def lower(self) -> Array:
+        """Lower corners, of shape (K, n)."""
+        return np.asarray(self.sublevel.claim.lower[self.sublevel.found["within"]])
+
+    @cached_property
+    def upper(self) -> Array:
+        """Upper corners, of shape (K, n)."""
+        return np.asarray(self.sublevel.claim.upper[self.sublevel.found["within"]])
 
     def near(self, q: Array) -> Array | None:
         """A configuration in the tube of the cell that holds q; ``None`` where there is no cell."""
         inside = holding(self.lower, self.upper, q)
         if not inside.size:
             return None
-        box = self.store.boxes([self.members[int(inside[0])]])
-        system = self.store.problem.system
-        theta = predict(self.store.problem, box, q[None] - box.centre[:, system.independent])
-        return np.asarray(self.store.reading.configuration(theta[0]))
+        boxes: Boxes = self.sublevel.premises[0].claim.boxes
+        box, system = boxes.take(np.flatnonzero(self.sublevel.found["within"])[inside[:1]]), self.reading.system
+        theta = predict(self.reading.problem, box, q[None] - box.centre[:, system.independent])
+        return np.asarray(self.reading.configuration(theta[0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,40 +315,36 @@ def certify_law(
 
         store = cells_around(law, gain, limits) if domain is None else cells_of_atlas(law, domain)
         found = Flood(store, lambda well: well.beta < gain and well.effort > 0.0, limits, go_on).run(law.q_d)
-        level_domain, region, proved = found.level, _members(store, found, law.q_d), store.proved
+        level_domain, proved, sublevel, limit = found.level, store.proved, None, found.limit
+        if found.level > 0.0:
+            try:
+                sublevel = proved_sublevel(SetPointEquations.of(law, store.reading), store, found.members)
+            except NotProvedError:
+                limit = "refused"
         if found.limit in ("gain", "depth"):
             more = limits._replace(cells=limits.cells + store.proved)
             level_domain = max(level_domain, Flood(store, _forceful, more, go_on).run(law.q_d).level)
+    level, beta = (0.0, norm_d) if sublevel is None else (float(sublevel.found[x][0]) for x in ("level", "beta"))
     around = f"cells proved around q_d, {limits.cells} at most"
     return SetPointCertificate(
         law=law,
-        level=found.level,
-        level_domain=level_domain,
-        beta=found.beta if found.level > 0.0 else norm_d,
+        level=level,
+        level_domain=max(level, level_domain),
+        beta=beta,
         slope=norm_d,
         gain=gain,
         stiffness=least,
         rigorous=True,
         method=around if domain is None else f"the {own} boxes of an atlas, halved where needed",
-        limit=found.limit,
+        limit=limit,
         touch=found.point,
         proved=proved,
-        _region=region,
+        _region=None if sublevel is None else _MemberCells(store.reading, sublevel),
     )
 
 
 def _forceful(well: Well) -> bool:
     return well.effort > 0.0
-
-
-def _members(store: CellStore, found: Sublevel, q_d: Array) -> _MemberCells | None:
-    members = connected(store, found, q_d)
-    if not members:
-        return None
-    cells = [store[k] for k in members]
-    return _MemberCells(
-        store, members, np.array([cell.lower for cell in cells]), np.array([cell.upper for cell in cells])
-    )
 
 
 def _sampled(law: PDSimpleGravity, region: Corners, gain: float, least: float, norm_d: float) -> SetPointCertificate:

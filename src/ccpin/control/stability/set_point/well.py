@@ -95,14 +95,41 @@ class Well(NamedTuple):
         return point
 
 
-def wells(law: PDSimpleGravity, centres: Array, half: Array, slopes: Array, bounds: GravityBounds) -> list[Well]:
+class SetPoint(NamedTuple):
+    """A law's numbers.
+
+    Attributes:
+        q_d: Of shape (n,).
+        K_p, K_v: Of shape (n, n).
+        gravity_d: g(q_d), of shape (n,).
+        potential_d: V(σ(q_d)) in joules.
+        motors: S of motors that do not sit on the independent joints, by the rates of the joints, of shape (motors, ·).
+    """
+
+    q_d: Array
+    K_p: Array
+    K_v: Array
+    gravity_d: Array
+    potential_d: float
+    motors: Array | None
+
+
+def set_point_of(law: PDSimpleGravity) -> SetPoint:
+    """The numbers of a law."""
+    mechanism, still = law.model.mechanism, np.zeros(law.model.n)
+    on_q = mechanism.actuated == mechanism.independent
+    potential_d = float(law.model.energy(law.q_d, still, law.q_free_d).potential)
+    motors = None if on_q else mechanism.actuation
+    return SetPoint(law.q_d, law.K_p, law.K_v, law.gravity_d, potential_d, motors)
+
+
+def wells(law: SetPoint, centres: Array, half: Array, slopes: Array, bounds: GravityBounds) -> list[Well]:
     """U over B boxes with centres and half-widths (B, n), and D (B, n′, n), σ's slopes at the centres."""
-    potential_d = law.model.energy(law.q_d, np.zeros(law.model.n), law.q_free_d).potential
     norms, efforts, found = bounds.norm, _efforts(law, slopes, bounds.turning), []
     for k, centre in enumerate(centres):
         error = law.q_d - centre
         parts = np.array(
-            [bounds.value[k], -potential_d, error @ law.gravity_d, 0.5 * error @ law.K_p @ error], dtype=np.float64
+            [bounds.value[k], -law.potential_d, error @ law.gravity_d, 0.5 * error @ law.K_p @ error], dtype=np.float64
         )
         slopes = np.abs(bounds.gradient[k]) + np.abs(law.gravity_d) + np.abs(law.K_p) @ (np.abs(error) + half[k])
         rounding = _ROUNDING * (np.abs(parts).sum() + slopes @ half[k])
@@ -120,17 +147,16 @@ def wells(law: PDSimpleGravity, centres: Array, half: Array, slopes: Array, boun
     return found
 
 
-def _efforts(law: PDSimpleGravity, slopes: Array, turning: Array) -> Array:
+def _efforts(law: SetPoint, slopes: Array, turning: Array) -> Array:
     """Lower bounds of the least singular value of S ρ over boxes: ρ is within `turning` of D, the slopes, (B,).
 
     By Weyl's inequality singular values move by at most ‖|S| turning‖, of which the Frobenius norm is a bound.
     """
-    mechanism = law.model.mechanism
-    if mechanism.actuated == mechanism.independent:
+    motors = law.motors
+    if motors is None:
         return np.full(len(slopes), np.inf)
-    motors = mechanism.actuation
-    driven = motors @ slopes[:, : mechanism.n_free]
-    moved = np.linalg.norm(np.abs(motors) @ turning[:, : mechanism.n_free], axis=(1, 2))
+    driven = motors @ slopes[:, : motors.shape[1]]
+    moved = np.linalg.norm(np.abs(motors) @ turning[:, : motors.shape[1]], axis=(1, 2))
     singular = np.linalg.svd(driven, compute_uv=False)
     return np.asarray(singular[:, -1] - _ROUNDING * singular[:, 0] - moved)
 
