@@ -70,6 +70,7 @@ def test_each_configuration_is_that_of_a_part(quarters, torus):
         assert tried > 5
 
 
+@pytest.mark.slow
 def test_modes_change_on_a_way_through_all_parts():
     """A cusp within the region, cut into four: on each part assembly modes keep apart, on the whole they do not."""
     mechanism = load_slice()

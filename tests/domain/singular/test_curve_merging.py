@@ -106,7 +106,7 @@ def test_each_part_was_needed(rpdr, quarters, merged):
                 assert np.all(merged.curve_of(at.x[:, :4]) == 0)
 
 
-@pytest.mark.parametrize("suffix", ["json", "npz"])
+@pytest.mark.parametrize("suffix", ["json", pytest.param("npz", marks=pytest.mark.slow)])
 def test_what_is_merged_is_saved_and_merged_again(quarters, merged, tmp_path, suffix):
     """Bit for bit; halves of halves, in any order, are one curve too."""
     merged.save(tmp_path / f"whole.{suffix}")
@@ -121,6 +121,7 @@ def test_what_is_merged_is_saved_and_merged_again(quarters, merged, tmp_path, su
         assert merge(halves).verify()
 
 
+@pytest.mark.slow
 def test_overlapping_parts_list_a_curve_once(rpdr):
     """Three regions that overlap in pairs, the same twice, and a curve that closes in a place that two of them hold."""
     regions = [(FOLD[0], [2.15, FOLD[1][1]]), ([2.05, FOLD[0][1]], FOLD[1]), ([2.0, FOLD[0][1]], [2.3, FOLD[1][1]])]

@@ -61,6 +61,7 @@ def test_workers_do_not_change_the_cover(rpdr, alone):
     assert same(alone, domain.certify_singularities(rpdr, REGION, workers=2))
 
 
+@pytest.mark.slow
 def test_an_executor_does_not_change_the_cover(rpdr, alone):
     """Threads for processes."""
     with ThreadPoolExecutor(2) as pool:
@@ -125,6 +126,7 @@ def test_chunks_are_those_of_their_own_closures(rpdr, tmp_path):
     assert min(other.count, moved.count) > 5
 
 
+@pytest.mark.slow
 def test_work_that_goes_on_is_shared_too(rpdr, tmp_path):
     """`continued` in this process, in two, and a second time from chunks that are kept."""
     early = domain.certify_singularities(rpdr, REGION, budget=3000)
