@@ -93,6 +93,7 @@ def test_limits_are_ends_where_nothing_else_is_nearer():
     ranges = found(system, [1.0], [6.0], [NONE, [0.0, 9.0]])
     assert ranges.reasons[1].tolist() == [Reason.LIMIT, Reason.LENGTHS]
     assert ranges.lower[1] == 0.0
+    assert ranges.middle.tolist() == np.mean([ranges.lower, ranges.upper], axis=0).tolist()
     low, high = np.array([[-4.0, 1e-10]]), np.array([[4.0, 5.0]])
     assert ranges.at_limit(low, high).tolist() == [True]
     assert ranges.at_limit(low + [0.0, 1e-8], high + [0.0, 2.0]).tolist() == [False]

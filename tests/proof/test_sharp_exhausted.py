@@ -269,7 +269,7 @@ def asked_by_hand(cell, child, kept):
     return below | {cell} if below else below
 
 
-def test_which_cells_are_asked():
+def test_which_cells_hold_some_leaves():
     """Trees with their numbers shuffled, and cells that nobody reaches which call others their children."""
     rng = np.random.default_rng(3)
     for _ in range(200):
@@ -283,7 +283,7 @@ def test_which_cells_are_asked():
             child[1 + 2 * pair] = int(rng.integers(-1, 24))
         reached = tree_of(np.zeros(25, dtype=int), child, 1).reached
         kept = rng.random(25) < rng.choice([0.3, 0.9])
-        assert set(np.flatnonzero(module._asked(reached, child, kept))) == asked_by_hand(0, child, kept)
+        assert set(np.flatnonzero(module.holding(reached, child, ~kept))) == asked_by_hand(0, child, kept)
 
 
 # Candidates over their cells

@@ -16,10 +16,10 @@ from ccpin.proof.rounding import blur, widened
 
 BEYOND = 1e-12
 """How far a search goes beyond its region each way; what two bounds may be apart by is less (rad, m)."""
-_RATIO, _CURVED = 2.0, 0.3
-_FLOOR = 1e-3
-_CHUNK = 1000
-_LEAST = 1e-9
+_RATIO, _CURVED = 2.0, 0.3  # how much wider a box may be than its cell before it is halved: beside a sheet, a fold
+_FLOOR = 1e-3  # of the steepest coordinate: as steep every one counts
+_CHUNK = 1000  # boxes at once: bounds memory
+_LEAST = 1e-9  # rad, m: narrower boxes are not halved
 
 
 def over_all(problem: Problem, ranges: Ranges, lower: Array, upper: Array) -> Candidates:
@@ -29,7 +29,7 @@ def over_all(problem: Problem, ranges: Ranges, lower: Array, upper: Array) -> Ca
     """
     system = problem.system
     centre, half = np.zeros((2, 1, system.n_free))
-    centre[:, system.dependent] = 0.5 * (ranges.lower + ranges.upper)
+    centre[:, system.dependent] = ranges.middle
     half[:, system.dependent] = 0.5 * (ranges.upper - ranges.lower) + 1e-3 * ranges.edge
     centre[:, system.independent] = 0.5 * (lower + upper)
     wide = widened(centre[:, system.independent], 0.5 * (upper - lower)) + BEYOND

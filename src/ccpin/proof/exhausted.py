@@ -42,7 +42,7 @@ class Excluded(CellsClaim):
     Attributes:
         kept: Leaves of which nothing is to be said, of shape (T,).
         limits: Of the dependent coordinates, ±`NO_LIMIT` where there is none, of shape (m, 2).
-        middle: Of full turns: where they are cut open, of shape (m,).
+        middle: Of full turns, of shape (m,): half a turn from it they are cut open.
         singular: Of shape (1,).
 
     Found: `empty` (T,), the leaves of which this is proved.
@@ -68,7 +68,7 @@ class Excluded(CellsClaim):
         require(not premises, "what is excluded rests on nothing else")
         require(self.equations.system.moduli == 0.0, "rows modulo something hold elsewhere too")
         tree = self.cells()
-        asked, problem, ranges = _asked(tree.reached, self.child, self.kept), self.equations.problem, self.ranges()
+        asked, problem, ranges = holding(tree.reached, self.child, ~self.kept), self.equations.problem, self.ranges()
         root, tried, held = over_all(problem, ranges, self.lower, self.upper), 0, [np.zeros(0, dtype=np.intp)]
         with np.errstate(all="ignore"):
             waiting = over_cells(problem, self.region, tree, root)
@@ -184,12 +184,12 @@ def over_cells(problem: Problem, region: CellRegion, tree: HasCorners, waiting: 
     return waiting._replace(centre=centre, half=half)
 
 
-def _asked(reached: Mask, child: Indices, kept: Mask) -> Mask:
-    """Whether a cell has a leaf that is not kept, of shape (T,)."""
+def holding(reached: Mask, child: Indices, leaves: Mask) -> Mask:
+    """Whether a cell holds one of some leaves, of shape (T,)."""
     inner, parent = np.flatnonzero(reached & (child >= 0)), np.full(len(child), -1, dtype=np.int64)
     for side in (0, 1):
         parent[child[inner] + side] = inner
-    asked, cells = np.zeros(len(child), dtype=np.bool_), np.flatnonzero(reached & (child < 0) & ~kept)
+    asked, cells = np.zeros(len(child), dtype=np.bool_), np.flatnonzero(reached & (child < 0) & leaves)
     while cells.size:
         asked[cells] = True
         above = np.unique(parent[cells])

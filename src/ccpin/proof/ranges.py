@@ -51,6 +51,11 @@ class Ranges(NamedTuple):
     limits: Array
 
     @property
+    def middle(self) -> Array:
+        """Of each range, of shape (m,): where full turns are cut open is half a turn from it."""
+        return np.asarray(0.5 * self.lower + 0.5 * self.upper)
+
+    @property
     def edge(self) -> Array:
         """How near to an end counts as at it, of shape (m,)."""
         return np.asarray(1e-9 * (1.0 + np.maximum(np.abs(self.lower), np.abs(self.upper))))
@@ -103,7 +108,7 @@ def ranges_of(
 def ranges_over(closures: ClosureSystem, ranges: Ranges, region: tuple[Array, Array]) -> Ranges:
     """The ranges over another region, within the same limits."""
     middle = np.zeros(len(closures.periodic))
-    middle[closures.dependent] = 0.5 * ranges.lower + 0.5 * ranges.upper
+    middle[closures.dependent] = ranges.middle
     return ranges_of(closures, middle, region, ranges.limits, [f"coordinate {j}" for j in range(len(middle))])
 
 

@@ -9,6 +9,7 @@ from ccpin.covering.cells import CellStatus, CellTree, place
 from ccpin.covering.region import Region
 from ccpin.domain.atlas import emptying as module
 from ccpin.proof.narrowing import Candidates
+from ccpin.proof.ranges import Ranges
 
 CERTIFIED, UNDECIDED, UNREACHED, EMPTY, SPLIT = (
     CellStatus.CERTIFIED, CellStatus.UNDECIDED, CellStatus.UNREACHED, CellStatus.EMPTY, CellStatus.SPLIT
@@ -222,7 +223,7 @@ def test_what_is_not_searched(monkeypatch, more, tried):
 
 def test_which_cells_hold_an_unreached_leaf():
     tree = tree_of((8, CERTIFIED), (4, UNREACHED), (2, UNREACHED), (2, UNDECIDED))
-    open_cells = module._open(tree)
+    open_cells = module.holding(np.ones(len(tree.child), bool), tree.child, tree.status == UNREACHED)
     for cell in range(len(tree.child)):
         centre, half = place(tree, LINE, np.array([cell]))
         inside = [k for k in range(16) if abs(k + 0.5 - centre[0, 0]) < half[0, 0]]
@@ -252,7 +253,7 @@ def test_what_is_not_proved_to_be_empty_is_undecided(monkeypatch, by_legs, by_se
         mask[cells[list(by_legs if len(claims) == 1 else by_search)]] = True
         return SimpleNamespace(found={"empty": mask})
 
-    ranges = SimpleNamespace(lower=np.array([-1.0]), upper=np.array([4.0]), limits="limits")
+    ranges = Ranges(np.array([-1.0]), np.array([4.0]), None, "limits")
     monkeypatch.setattr(module, "all_values", lambda *_: None if by_search is None else ranges)
     monkeypatch.setattr(module, "closures_of", lambda problem: problem)
     monkeypatch.setattr(module, "_weights", lambda system, centre, half: np.column_stack([centre, half]))

@@ -377,7 +377,7 @@ def test_facts_speak_of_sheets_whose_numbers_are_theirs(monkeypatch):
         with pytest.raises(InvalidInputError, match="not those that were proved"):
             replace(atlas, **change)
         assert replace(atlas, proved=None, **change).proved is None
-    assert proved.says(atlas, count)
+    assert proved.says(atlas)
 
 
 def test_sheets_replayed_say_what_is_found(monkeypatch):
@@ -386,7 +386,7 @@ def test_sheets_replayed_say_what_is_found(monkeypatch):
     monkeypatch.setattr(SheetAtlas, "problem", SimpleNamespace(system=None))
     monkeypatch.setattr(module, "Runner", lambda *_: None)
     for says, marked in ((True, False), (False, False), (True, True), (False, True)):
-        proved = SimpleNamespace(says=lambda sheets, count, says=says: says, glued=atlas.glued)
+        proved = SimpleNamespace(says=lambda sheets, says=says: says, glued=atlas.glued)
         monkeypatch.setattr(module, "proved_again", lambda *_, proved=proved: proved)
         monkeypatch.setattr(module, "mark", lambda tree, proved, marked=marked: marked)
         if says and not marked:

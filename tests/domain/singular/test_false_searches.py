@@ -55,9 +55,9 @@ def test_boxes_that_are_lost(rpdr, monkeypatch):
 
 def test_halves_that_are_lost(rpdr, monkeypatch):
     """Of each box one half only."""
-    real = CurveSearch._halved
+    real = cover.halved_steepest
     monkeypatch.setattr(
-        CurveSearch, "_halved", lambda search, boxes: rows_of(real(search, boxes), slice(len(boxes.cell)))
+        cover, "halved_steepest", lambda problem, boxes: rows_of(real(problem, boxes), slice(len(boxes.cell)))
     )
     result = found_in(rpdr)
     assert result.verdict == "undecided"

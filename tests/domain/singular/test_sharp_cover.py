@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from ccpin.arrays import joined, rows_of
 from ccpin.covering.region import Region
@@ -39,9 +40,16 @@ class Told:
     def _settled(self, waiting):
         return rows_of(waiting, ~np.isin(waiting.cell, self.settles))
 
-    def _halved(self, waiting):
+
+@pytest.fixture(autouse=True)
+def numbered_halves(monkeypatch):
+    """Halves have numbers, and numbers + 100."""
+
+    def halves(problem, waiting):
         half = waiting._replace(half=0.5 * waiting.half)
         return joined([half, half._replace(cell=waiting.cell + 100)])
+
+    monkeypatch.setattr(module, "halved_steepest", halves)
 
 
 def found_by(told, resolution=0.1, budget=100, waiting=None):

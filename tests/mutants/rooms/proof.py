@@ -79,13 +79,13 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "proof/exhausted",
-        ("Excluded.examined", "handed_down", "over_cells", "_asked"),
+        ("Excluded.examined", "handed_down", "over_cells", "holding"),
         ("proof/test_sharp_exhausted.py",),
         (
             ("leaves = self.child[waiting.cell] < 0", "0 let in", _ROOT),
             ("empty = tree.reached & (self.child < 0)", "0 let in", _ROOT),
             ("np.flatnonzero(reached & (child >= 0))", "0 left out", _ROOT),
-            ("np.flatnonzero(reached & (child < 0) & ~kept)", "0 let in", _ROOT),
+            ("np.flatnonzero(reached & (child < 0) & leaves)", "0 let in", _ROOT),
             ("cells = above[(above >= 0)", "not asked: ~asked", "cells above are gone through once more"),
         ),
     ),
@@ -399,6 +399,7 @@ ROOMS: tuple[Room, ...] = (
             "_WIDER",
             "_ORTHONORMAL",
             "NO_LIMIT",
+            "Ranges.middle",
             "Ranges.edge",
             "Ranges.at_limit",
             "ranges_of",

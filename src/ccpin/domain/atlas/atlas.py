@@ -358,9 +358,9 @@ class Atlas:
             proved = proved_cover(self.problem, self.region, self.tree, self.seed, self.solutions, self.glue())
         except NotProvedError as error:
             raise InvalidInputError(f"{error}: the file was altered") from error
-        said = self.empty_fraction
+        said = self.tree.leaves(CellStatus.EMPTY)
         proved = proved._replace(empty=empty_facts(self.reading, self.region, self.tree))
-        if self.empty_fraction != said:
+        if not np.array_equal(self.tree.leaves(CellStatus.EMPTY), said):
             raise InvalidInputError("a cell that is called empty is not proved to be: the file was altered")
         return replace(self, proved=proved)
 

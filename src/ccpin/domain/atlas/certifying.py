@@ -32,11 +32,7 @@ from ccpin.work import Stopped, executor_for, stoppable
 _DEPTHS = {1: 14, 2: 12, 3: 6}  # halvings of an edge: some ten seconds a mechanism
 _TOLERANCES = {1: 1e-5, 2: 2e-5, 3: 2e-3}  # of the largest square, a share of it
 _MANY_DEPTH, _MANY_TOLERANCE = 3, 0.5  # beyond three coordinates
-_FIRST_DEPTH, _DEEPEST, _MANY_DEEPEST = (
-    4,
-    20,
-    10,
-)  # where a share of the region is asked for: first, last, last beyond two coordinates
+_FIRST_DEPTH, _DEEPEST, _MANY_DEEPEST = 4, 20, 10  # for a share of the region: first, last, last where n > 2
 
 
 def certify(

@@ -20,7 +20,7 @@ from ccpin.proof.cell_tree import LEVELS
 from ccpin.proof.chains import ClosureSystem
 from ccpin.proof.emptiness import empty_cells, groups_of, platform_of
 from ccpin.proof.equations import Problem, closures_of
-from ccpin.proof.exhausted import Excluded, Unreachable, handed_down
+from ccpin.proof.exhausted import Excluded, Unreachable, handed_down, holding
 from ccpin.proof.facts import Fact, prove
 from ccpin.proof.narrowing import Candidates
 
@@ -91,7 +91,8 @@ def search_empty(runner: Runner, reading: Reading, tree: CellTree, region: Regio
         waiting = rows_of(waiting, np.isin(waiting.cell, cells))
         waiting = handed_down(problem, region.corners, tree, tree.child, waiting)
         searched = np.concatenate([tree.child[cells], tree.child[cells] + 1])
-        searched = searched[_open(tree)[searched]]
+        open_cells = holding(np.ones(len(tree.child), np.bool_), tree.child, tree.status == CellStatus.UNREACHED)
+        searched = searched[open_cells[searched]]
         waiting = rows_of(waiting, np.isin(waiting.cell, searched))
 
 
@@ -111,7 +112,7 @@ def empty_facts(reading: Reading, region: Region, tree: CellTree) -> tuple[Fact,
             **cells_of(region, tree),
             kept=~np.isin(np.arange(len(tree.child)), left),
             limits=ranges.limits,
-            middle=0.5 * (ranges.lower + ranges.upper),
+            middle=ranges.middle,
             singular=np.zeros(1, dtype=np.bool_),
         )
         facts.append(prove(claim))
@@ -134,14 +135,6 @@ def _weights(system: ClosureSystem, centre: Array, half: Array) -> Array:
 def _share(tree: CellTree) -> float:
     """The unreached share of the region."""
     return tree.share(tree.leaves(CellStatus.UNREACHED))
-
-
-def _open(tree: CellTree) -> Array:
-    """Which cells hold an unreached leaf, of shape (cells,)."""
-    found = tree.status == CellStatus.UNREACHED
-    for cell in np.flatnonzero(tree.child >= 0)[::-1]:  # children come behind their parents
-        found[cell] = found[tree.child[cell]] or found[tree.child[cell] + 1]
-    return np.asarray(found)
 
 
 def _mark(tree: CellTree, cells: Indices) -> None:

@@ -33,7 +33,7 @@ from ccpin.covering.runner import Arrays, Report, Runner
 from ccpin.proof.candidates import halved, narrowed_both, over_all, steepness, to_halve
 from ccpin.proof.cell_tree import LEVELS, WHOLE
 from ccpin.proof.equations import Problem
-from ccpin.proof.exhausted import handed_down
+from ccpin.proof.exhausted import ROUNDS, handed_down
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.newton import Boxes
 from ccpin.proof.ranges import Ranges
@@ -42,7 +42,6 @@ from ccpin.proof.solution_counts import alone_over, within
 
 _NEWTON = 12  # steps
 _WIDEST = 1.5  # rad: wider candidates are halved before Newton's method is tried from their middle
-_ROUNDS = 60  # of narrowing before a cell is halved
 _BUDGET = 300_000  # candidates over one q
 
 _NEAR = 1e-6  # rad, m: the same spelling of one configuration
@@ -86,7 +85,7 @@ def cover_singular(
     left = [rows_of(waiting, slice(0))]
     search = Pruning(runner, ranges, budget, singular=True)
     while waiting.cell.size:
-        waiting = search.settled(waiting, _ROUNDS)
+        waiting = search.settled(waiting, ROUNDS)
         cells = np.unique(waiting.cell)
         small = np.all(tree.size[cells] <= smallest, axis=1) | search.over
         last = np.isin(waiting.cell, cells[small])

@@ -63,7 +63,7 @@ def merge_sheets(parts: Sequence[SheetAtlas]) -> SheetAtlas:
         complete=all(part.complete for part in parts),
         proved=None,
     )
-    proved = proved_again(runner, region, ranges, tree, count, merged)
+    proved = proved_again(runner, merged)
     mark(tree, proved)
     return replace(
         merged, boxes=proved.boxes, members=proved.members, glued=proved.glued, count=proved.count, proved=proved

@@ -15,6 +15,7 @@ from ccpin.covering.claims import Seams, cells_of, proved_boxes, proved_glue
 from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.covering.region import Region
 from ccpin.covering.runner import Arrays, Runner
+from ccpin.domain.documents.store import HasBoxes
 from ccpin.domain.sheets.counting import solutions_task
 from ccpin.domain.sheets.cover import CountedRegion, Glued, Members, parts_of
 from ccpin.proof.equations import Problem, closures_of
@@ -26,28 +27,12 @@ from ccpin.proof.solution_counts import CompleteCells, CountedCells
 from ccpin.work import Stopped
 
 
-class HasSheets(Protocol):
-    """Boxes of sheets, over which cells they lie, which carry the same σ; of which closures, within which limits."""
-
-    @property
-    def problem(self) -> Problem:
-        """The closures."""
-
-    @property
-    def region(self) -> Region:
-        """The region."""
+class HasSheets(HasBoxes, Protocol):
+    """Boxes of sheets, over which cells they lie, which carry the same σ; how many there are, within which limits."""
 
     @property
     def ranges(self) -> Ranges:
         """With the limits that are kept."""
-
-    @property
-    def tree(self) -> CellTree:
-        """The cells."""
-
-    @property
-    def boxes(self) -> Boxes:
-        """The boxes."""
 
     @property
     def members(self) -> Members:
@@ -56,6 +41,10 @@ class HasSheets(Protocol):
     @property
     def glued(self) -> Glued:
         """Which carry the same σ at a common point."""
+
+    @property
+    def count(self) -> NDArray[np.int64]:
+        """How many configurations the q of each cell have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,15 +87,15 @@ class ProvedSheets:
         q = self.boxes.centre[:, self.solutions.claim.equations.system.independent]
         return Glued(first, second, q[first] + at_first, q[second] + at_second)
 
-    def says(self, sheets: HasSheets, count: NDArray[np.int64]) -> bool:
+    def says(self, sheets: HasSheets) -> bool:
         """Whether these facts are about such sheets, and say that of their cells."""
         over, cells = self.cells.premises[0].premises[0].claim, self.cells.claim
         own = [*self.boxes, *self.members, *self.glued[:2], self.count]
         own += [over.lower, over.upper, over.wrapped, cells.cut, cells.child, over.limits]
-        told = [*sheets.boxes, *sheets.members, *sheets.glued[:2], count]
+        told = [*sheets.boxes, *sheets.members, *sheets.glued[:2], sheets.count]
         told += [*cells_of(sheets.region, sheets.tree).values(), sheets.ranges.limits]
         same = all(np.array_equal(one, other) for one, other in zip(told, own, strict=True))
-        return same and closures_of(sheets.problem).digest == self.cells.digest
+        return same and closures_of(sheets.reading.problem).digest == self.cells.digest
 
 
 _COUNTED, _AT_ONCE = 64, 8  # parts, and how many at once
@@ -123,7 +112,7 @@ def excluded_over(problem: Problem, region: Region, ranges: Ranges, tree: CellTr
         **cells_of(region, tree),
         kept=kept,
         limits=ranges.limits,
-        middle=0.5 * ranges.lower + 0.5 * ranges.upper,
+        middle=ranges.middle,
         singular=np.ones(1, dtype=np.bool_),
     )
     return prove(claim)
@@ -187,12 +176,10 @@ def proved_sheets(
     return ProvedSheets(prove(claim, counted, solutions), solutions, proved_glue(problem, seams, (solutions,)))
 
 
-def proved_again(
-    runner: Runner, region: Region, ranges: Ranges, tree: CellTree, count: NDArray[np.int64], sheets: HasSheets
-) -> ProvedSheets:
+def proved_again(runner: Runner, sheets: HasSheets) -> ProvedSheets:
     """The facts about sheets of which only what they say is known."""
-    leaves = tree.leaves()
-    counted = counted_parts(runner, tree, region, ranges, leaves[count[leaves] >= 0])[1]
+    tree, leaves = sheets.tree, sheets.tree.leaves()
+    counted = counted_parts(runner, tree, sheets.region, sheets.ranges, leaves[sheets.count[leaves] >= 0])[1]
     return proved_sheets(runner.problem, tree, sheets.boxes, sheets.members, sheets.glued, counted)
 
 

@@ -127,7 +127,7 @@ class SheetAtlas:
     source: str | None = None
 
     def __post_init__(self) -> None:
-        if self.proved is not None and not self.proved.says(self, self.count):
+        if self.proved is not None and not self.proved.says(self):
             raise InvalidInputError("sheets that are not those that were proved")
 
     def __repr__(self) -> str:
@@ -263,8 +263,8 @@ class SheetAtlas:
             InvalidInputError: It is not found to hold: the file was altered.
         """
         runner = Runner(self.problem, None, None, Event())
-        proved = proved_again(runner, self.region, self.ranges, self.tree, self.count, self)
-        if not proved.says(self, self.count) or mark(self.tree, proved):
+        proved = proved_again(runner, self)
+        if not proved.says(self) or mark(self.tree, proved):
             raise InvalidInputError("what it says of its cells is not found to hold: the file was altered")
         return replace(self, glued=proved.glued, proved=proved)
 

@@ -114,7 +114,7 @@ class CurveSearch:
             if self.tried > budget and waiting.cell.size:
                 limit = "budget"
                 break
-            waiting = self._halved(waiting)
+            waiting = halved_steepest(self.problem, waiting)
         return Found(tuple(self.chains), joined([*small, waiting]), self.tried, limit)
 
     def _kept(self, waiting: Candidates) -> Candidates:
@@ -182,7 +182,3 @@ class CurveSearch:
             return False
         reach = (np.abs(tube.tangent) * tube.half[:, None] + tube.radius)[:, : self.problem.system.n_free]
         return bool(self.place.meets(self.problem, tube.theta, reach)[0])
-
-    def _halved(self, boxes: Candidates) -> Candidates:
-        """Both halves of boxes, cut where φ and φ_y move most."""
-        return halved_steepest(self.problem, boxes)

@@ -79,7 +79,7 @@ def _unbroken(run: list[int], links: set[tuple[int, int]]) -> Iterator[list[int]
 def proved_cover(problem: Problem, region: Region, ranges: Ranges, effort: SearchEffort, tubes: Fact) -> Fact:
     """The fact about all singular configurations over a region: those in tubes, and boxes that may hold others."""
     middle = np.zeros(problem.system.n_free)
-    middle[problem.system.dependent] = 0.5 * ranges.lower + 0.5 * ranges.upper
+    middle[problem.system.dependent] = ranges.middle
     claim = SingularCovered(
         closures_of(problem),
         lower=region.lower,

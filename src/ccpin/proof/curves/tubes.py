@@ -16,11 +16,11 @@ from ccpin.proof.equations import Problem
 from ccpin.proof.newton import without_turns
 from ccpin.proof.rounding import SLACK
 
-_WIDEN = 1e-13
-_ROUNDS = 4
-_CHORDS = 4
+_WIDEN = 1e-13  # of 1 + |x|: far above its roundings
+_ROUNDS = 4  # of |e| ≤ Y + Z|e|
+_CHORDS = 4  # steps to a zero
 _CLOSE = 1e-4  # of the radii: an enclosure so small will do
-_BACK = (0.4, 0.1)
+_BACK = (0.4, 0.1)  # of δ: how far before its middle a zero is sought
 
 
 class Tubes(NamedTuple):
