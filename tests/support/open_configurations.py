@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ccpin.control.stability.tracking.mass_reading import bodies_on_joints_of
 from ccpin.control.stability.tracking.masses import masses_of
 from ccpin.control.stability.tracking.motion_bounds import Motion, Reduced
 from ccpin.domain.closures.system import reading_of
@@ -19,7 +20,7 @@ class Case:
         mechanism = self.model.mechanism
         self.reading = reading_of(mechanism, mechanism.q_reference)
         self.system, self.problem = self.reading.system, self.reading.problem
-        self.masses = masses_of(mechanism, self.reading, self.model.gravity_vector)
+        self.masses = masses_of(self.system, bodies_on_joints_of(mechanism, self.reading, self.model.gravity_vector))
         self.theta = self.reading.theta(mechanism.q_reference)
         self.theta[self.system.dependent] += 0.02 * rng.normal(size=self.system.m)
         self.v, self.w, self.a = rng.normal(size=(3, self.model.n))
@@ -43,7 +44,7 @@ class Case:
 def assert_bounds_are_the_model(model):
     """D, C and damping of a State off the closed set, and the differences of its τ: also where v, w and a are apart."""
     case = Case(model)
-    state, at = case.state(case.theta), Reduced(case.problem, case.masses, affine(case.theta[None]))
+    state, at = case.state(case.theta), Reduced(case.system, case.masses, affine(case.theta[None]))
     pairs = [
         (at.inertia, state.D),
         (at.coriolis(affine(case.v[None])), state.C(case.v)),

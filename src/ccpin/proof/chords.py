@@ -50,6 +50,16 @@ class Chord(NamedTuple):
     deviation: Array
     rounding: Array
 
+    @property
+    def middle(self) -> Array:
+        """Half way, as a double."""
+        return np.asarray(0.5 * (self.start + self.end))
+
+    @property
+    def along(self) -> Array:
+        """From the middle to the end, as a double."""
+        return np.asarray(0.5 * (self.end - self.start))
+
 
 def chord_of(pieces: Polynomials, start: float, end: float) -> Chord:
     """The stretch from parameter `start` to `end`, both of one piece."""

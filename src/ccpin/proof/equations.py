@@ -249,6 +249,18 @@ def _require_sound(system: ClosureSystem) -> None:
     require(turning | ~system.periodic, "a circle that is none")
 
 
+def row_of(closures: Closures, chains: tuple[Chain, ...]) -> Closures:
+    """Other chains in the coordinates of closures, as closures of one row: looked at, and copied, as those are.
+
+    Raises:
+        NotProvedError: They are none.
+    """
+    system = closures.system
+    require(len(chains) > 0 and [chain.weights.shape == (1, 3) for chain in chains], "no chains of one row")
+    none = np.zeros((1, system.n_free))
+    return Closures(replace(system, chains=chains, couplings=none, offset=np.zeros(1), moduli=np.zeros(1)))
+
+
 _MADE: WeakKeyDictionary[ClosureSystem, dict[bool, Closures]] = WeakKeyDictionary()
 
 

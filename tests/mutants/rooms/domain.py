@@ -189,8 +189,8 @@ ROOMS: tuple[Room, ...] = (
     Room("domain/paths/walker", ("Walker.point_here", "Walker.leads_to"), ("domain/paths/test_sharp_refutation.py",)),
     Room(
         "proof/chords",
-        ("chords_of", "_bernstein", "_to_bernstein"),
-        ("domain/paths/test_sharp_pieces.py",),
+        ("Chord.middle", "Chord.along", "chords_of", "_bernstein", "_to_bernstein"),
+        ("domain/paths/test_sharp_pieces.py", "control/stability/tracking/test_sharp_cell_forms.py"),
         (("deviation = away.max(axis=0)", "4 × ", "more than the roundings of the sum above it"),),
     ),
     Room(
@@ -219,8 +219,8 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
-        "control/stability/tracking/masses",
-        ("_DATA", "masses_of"),
+        "control/stability/tracking/mass_reading",
+        ("_DATA", "bodies_on_joints_of"),
         (
             *(
                 f"{_MOTION}::test_at_one_configuration_they_are_the_model[{name}]"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control.stability.tracking.masses import masses_of
+from ccpin.control.stability.tracking.mass_reading import bodies_on_joints_of
 from ccpin.control.stability.tracking.motion_bounds import Motion, Reduced
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.proof.balls import Affine
@@ -38,7 +38,7 @@ def test_over_sets_they_hold_their_members(name):
     forms = {"theta": Affine(case.theta[None], size * rng.normal(size=(3, 1, n_free)), np.full((1, n_free), 1e-4), 1)}
     for key in names:
         forms[key] = Affine(getattr(case, key)[None], 0.05 * rng.normal(size=(3, 1, n)), np.full((1, n), 0.01), 1)
-    at = Reduced(case.problem, case.masses, forms["theta"])
+    at = Reduced(case.system, case.masses, forms["theta"])
     slope, C = at.force_slope(Motion(*(forms[key] for key in names))), at.coriolis(forms["v"])
     assert np.isfinite(slope.rad).all()
     for _ in range(12):
@@ -62,8 +62,8 @@ def test_a_set_with_a_singular_configuration_is_not_bounded():
     """The RPDR's set of all elbow angles has singular ones: NaN, never a number."""
     case = Case(_model("rpdr"))
     wide = Affine(case.theta[None], np.zeros((0, 1, 4)), np.full((1, 4), 2.0))
-    assert not Reduced(case.problem, case.masses, wide).grip.regular.any()
-    assert np.isnan(Reduced(case.problem, case.masses, wide).inertia.rad).all()
+    assert not Reduced(case.system, case.masses, wide).grip.regular.any()
+    assert np.isnan(Reduced(case.system, case.masses, wide).inertia.rad).all()
 
 
 def test_joints_of_several_freedoms_are_refused():
@@ -71,4 +71,4 @@ def test_joints_of_several_freedoms_are_refused():
     model = ball_joint()
     case = Case(_model("rpdr"))
     with pytest.raises(UnsupportedMechanismError, match="several freedoms"):
-        masses_of(model.mechanism, case.reading, model.gravity_vector)
+        bodies_on_joints_of(model.mechanism, case.reading, model.gravity_vector)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin.control.stability.tracking.mass_reading import bodies_on_joints_of
 from ccpin.control.stability.tracking.masses import masses_of
 from ccpin.control.stability.tracking.motion_bounds import _placed
 from ccpin.domain.closures.system import reading_of
@@ -19,7 +20,7 @@ from tests.support.strategies import Growth
 def masses(name, **options):
     model = ccpin.ReducedModel(ccpin.load(name, **options))
     reading = reading_of(model.mechanism, model.mechanism.q_reference)
-    return masses_of(model.mechanism, reading, model.gravity_vector), model
+    return masses_of(reading.system, bodies_on_joints_of(model.mechanism, reading, model.gravity_vector)), model
 
 
 def test_second_moments_are_off_by_a_little_of_the_largest():
@@ -58,7 +59,14 @@ def test_the_base_has_no_tips():
     found = []
     for mechanism in (ccpin.load("rpdr"), heavy_based()):
         reading = reading_of(mechanism, mechanism.q_reference)
-        found.append([b.weights.mid.tolist() for b in masses_of(mechanism, reading, np.array([0.0, 0.0, -9.8])).bodies])
+        found.append(
+            [
+                b.weights.mid.tolist()
+                for b in masses_of(
+                    reading.system, bodies_on_joints_of(mechanism, reading, np.array([0.0, 0.0, -9.8]))
+                ).bodies
+            ]
+        )
     assert found[0] == found[1]
 
 

@@ -1,4 +1,4 @@
-"""Cells of a reference as the theorem writes them: what each parameter moves, what is rounded, how far it jumps."""
+"""A reference cut into cells, and what is proposed about them: boxes, and where they are glued to the path's."""
 
 from types import SimpleNamespace
 
@@ -8,154 +8,56 @@ from scipy.interpolate import PPoly
 
 from ccpin.control.references import PiecewisePolynomial, ReferenceState
 from ccpin.control.stability.tracking import reference_tube as module
-from ccpin.control.stability.tracking.reference_tube import ReferenceTube, _chord_form, _cut, _errors, _kicks, _pieces
+from ccpin.control.stability.tracking.cell_forms import TimeCells
+from ccpin.control.stability.tracking.reference_tube import ReferenceTube, _cut, _pieces
+from ccpin.control.stability.tracking.tracking_equations import ReferencePieces
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.proof.chords import Chord
+from ccpin.proof.facts import NotProvedError
 from ccpin.proof.newton import Boxes
-from ccpin.proof.rounding import SLACK
+from tests.support.drawing import drawn
 
 WIDEN = 1e-13
+LINE = Chord(drawn(0, 2, 2), drawn(1, 2, 2), np.abs(drawn(2, 2, 2)), np.zeros((2, 2, 2)))
+CELLS = TimeCells(np.arange(3.0), LINE, None, None, np.zeros((2, 4)))
 
 
-def drawn(seed, *shape):
-    return np.random.default_rng(seed).uniform(0.5, 2.0, shape) * np.random.default_rng(seed + 100).choice(
-        [-1, 1], shape
-    )
-
-
-def chord(seed, count=2, n=2):
-    rounding = np.abs(drawn(seed + 3, count, 2, n))
-    return Chord(drawn(seed, count, n), drawn(seed + 1, count, n), np.abs(drawn(seed + 2, count, n)), rounding)
-
-
-def test_chords_as_forms():
-    """Middle and half way, and beside it the deviation and 1e-13 of it and one."""
-    one = chord(0)
-    found = _chord_form(one, 5)
-    np.testing.assert_allclose(found.mid, (one.start + one.end) / 2, rtol=1e-15)
-    np.testing.assert_allclose(found.lin[0], (one.end - one.start) / 2, rtol=1e-15)
-    assert found.lin.shape == (5, 2, 2)
-    assert not found.lin[1:].any()
-    assert found.boxed == 5
-    np.testing.assert_allclose(found.rad, one.deviation, rtol=1e-12)
-    plain = _chord_form(one._replace(deviation=np.zeros((2, 2))), 5)
-    np.testing.assert_allclose(plain.rad, WIDEN * (1.0 + np.abs(found.mid)), rtol=1e-9)
-
-
-@pytest.mark.parametrize("first", [1, 3])
-def test_errors_are_parameters_of_their_own(first):
-    room = np.array([[0.1, 0.2], [0.3, 0.4]])
-    found = _errors(room, first)
-    assert found.lin.shape == (5, 2, 2)
-    assert found.boxed == 5
-    assert not found.mid.any()
-    assert not found.rad.any()
-    expected = np.zeros((5, 2, 2))
-    expected[first, :, 0], expected[first + 1, :, 1] = room[:, 0], room[:, 1]
-    np.testing.assert_array_equal(found.lin, expected)
-
-
-class Case:
-    """A tube of two cells over two coordinates, with two that depend, on one of which σ is not proved."""
-
-    def __init__(self, monkeypatch, proved=(True, True), same=(True, True), deviation=1.0):
-        self.system = SimpleNamespace(n_free=4, independent=np.array([1, 3]), dependent=np.array([0, 2]))
-        motion = tuple(chord(10 * k) for k in range(3))
-        self.motion = (motion[0]._replace(deviation=deviation * motion[0].deviation), *motion[1:])
-        self.boxes = Boxes(
-            *(drawn(k, 2, *shape) for k, shape in enumerate([(4,), (3,), (4, 3), (2, 2), (2, 2), (2,), (2,), ()]))
-        )
-        self.boxes = self.boxes._replace(radius=np.abs(self.boxes.radius))
-        self.problem = SimpleNamespace(system=self.system)
-        self.centre = drawn(50, 2, 4)
-        self.inside, self.delta = Boxes(*(drawn(60 + k, 2, 3) for k in range(8))), drawn(70, 2, 3)
-        self.asked = []
-        monkeypatch.setattr(
-            module,
-            "certify_boxes",
-            lambda *given: self.asked.append(given) or SimpleNamespace(boxes=self.boxes, proved=np.array(proved)),
-        )
-        monkeypatch.setattr(module, "glued", lambda *given: self.asked.append(given) or np.array(same)[: len(given[2])])
-
-    def tube(self):
-        return ReferenceTube(self.problem, None, None, None, None, self.motion, self.centre, (self.inside, self.delta))
-
-
-ROOM, SPEED = np.array([[0.1, 0.2], [0.3, 0.4]]), np.array([[5.0, 6.0], [7.0, 8.0]])
-
-
-def test_cells_as_forms_of_place_error_and_speed(monkeypatch):
-    """θ = centre + D(s, −e), off by the boxes' radii and the chord's deviation; q̇ = q̇_d − ė."""
-    case = Case(monkeypatch)
-    found, proved = case.tube().states(ROOM, SPEED)
-    assert proved.tolist() == [True, True]
-    problem, centre, half, across = case.asked[0]
-    assert problem is case.problem
-    np.testing.assert_array_equal(centre, case.centre)
-    line = case.motion[0]
-    np.testing.assert_allclose(across[:, :, 0], (line.end - line.start) / 2, rtol=1e-15)
+def test_boxes_about_cells(monkeypatch):
+    """Along the chord whole, and across it as wide as the errors and what it strays."""
+    asked, room = [], np.array([[0.1, 0.2], [0.3, 0.4]])
+    monkeypatch.setattr(module, "certify_boxes", lambda *given: asked.append(given) or "tried")
+    centre = drawn(50, 2, 4)
+    tube = ReferenceTube(None, SimpleNamespace(problem="problem"), CELLS, centre, None)
+    assert tube.boxes(room) == "tried"
+    problem, about, half, across = asked[0]
+    assert problem == "problem"
+    np.testing.assert_array_equal(about, centre)
+    np.testing.assert_allclose(across[:, :, 0], (LINE.end - LINE.start) / 2, rtol=1e-15)
     np.testing.assert_array_equal(across[:, :, 1:], [np.eye(2)] * 2)
     np.testing.assert_array_equal(half[:, 0], 1.0)
-    exact = (ROOM + line.deviation) * (1.0 + WIDEN)
-    np.testing.assert_allclose(half[:, 1:], exact, rtol=1e-15)
-    D = case.boxes.directions
-    np.testing.assert_array_equal(found.theta.mid, case.centre)
-    assert found.theta.lin.shape == (5, 2, 4)
-    assert found.theta.boxed == 5
-    np.testing.assert_array_equal(found.theta.lin[0], D[:, :, 0])
-    for i in (0, 1):
-        np.testing.assert_allclose(found.theta.lin[1 + i], -D[:, :, 1 + i] * ROOM[:, [i]], rtol=1e-15)
-    assert not found.theta.lin[3:].any()
-    rad = np.einsum("kpi,ki->kp", np.abs(D[:, :, 1:]), line.deviation)
-    rad[:, case.system.dependent] += np.einsum("kij,kj->ki", np.abs(case.boxes.modes), case.boxes.radius)
-    np.testing.assert_allclose(found.theta.rad, rad, rtol=1e-11)
-    for part, room, first in ((found.e, ROOM, 1), (found.e_dot, SPEED, 3)):
-        np.testing.assert_array_equal(part.lin, _errors(room, first).lin)
-    for part, line in ((found.v_d, case.motion[1]), (found.a_d, case.motion[2])):
-        np.testing.assert_array_equal(part.mid, _chord_form(line, 5).mid)
-        np.testing.assert_array_equal(part.lin, _chord_form(line, 5).lin)
-        assert part.boxed == 5
-    np.testing.assert_array_equal(found.v.lin, found.v_d.lin - found.e_dot.lin)
-    np.testing.assert_array_equal(found.v.mid, found.v_d.mid)
+    np.testing.assert_allclose(half[:, 1:], (room + LINE.deviation) * (1.0 + WIDEN), rtol=1e-15)
 
 
-def test_roundings_of_cells(monkeypatch):
-    """1e-13 of one and the centre, and of it all."""
-    case = Case(monkeypatch, deviation=0.0)
-    case.boxes = case.boxes._replace(radius=0.0 * case.boxes.radius)
-    found, _ = case.tube().states(ROOM, SPEED)
-    np.testing.assert_allclose(found.theta.rad, WIDEN * (1.0 + np.abs(case.centre)), rtol=1e-9)
-    case = Case(monkeypatch)
-    case.motion = (case.motion[0]._replace(deviation=np.full((2, 2), 1e9)), *case.motion[1:])
-    found, _ = case.tube().states(ROOM, SPEED)
-    D = np.abs(case.boxes.directions[:, [1, 3], 1:])
-    least = 1e9 * D.sum(axis=2) + WIDEN * (1.0 + np.abs(case.centre[:, [1, 3]]))
-    np.testing.assert_allclose(found.theta.rad[:, [1, 3]], least * (1.0 + WIDEN), rtol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("proved", "same", "expected"),
-    [
-        ((True, True), (True, False), (True, False)), ((True, True), (False, True), (False, True)),
-        ((False, True), (True,), (False, True)), ((False, True), (False,), (False, False)),
-        ((False, False), (), (False, False)),
-    ],
-)  # fmt: skip
-def test_cells_are_glued_to_the_path_at_their_middle(monkeypatch, proved, same, expected):
-    """At (0, 0): where the path's box has the cell's own place."""
-    case = Case(monkeypatch, proved, same)
-    _, found = case.tube().states(ROOM, SPEED)
-    assert tuple(found.tolist()) == expected
-    rows = np.flatnonzero(proved)
-    if not rows.size:
-        assert len(case.asked) == 1
+@pytest.mark.parametrize("kept", [(True, True), (True, False), (False, True)])
+def test_cells_are_glued_to_the_path_at_their_middle(monkeypatch, kept):
+    """At (0, 0): where the path's box has the cell's own place; the path's boxes come first in the numbering."""
+    along, asked = SimpleNamespace(claim=SimpleNamespace(kappa=np.zeros(5))), []
+    path = SimpleNamespace(problem="problem", proved=SimpleNamespace(premises=(along, "more")))
+    number, delta = np.array([3, 4]), drawn(70, 2, 3)
+    monkeypatch.setattr(module, "proved_boxes", lambda problem, boxes: (("solutions", boxes), np.array(kept)))
+    monkeypatch.setattr(module, "proved_glue", lambda *given: asked.append(given) or ("glue", "more glue"))
+    tube = ReferenceTube(None, path, CELLS, None, (number, delta))
+    if not all(kept):
+        with pytest.raises(NotProvedError, match="box"):
+            tube.proved("boxes")
         return
-    problem, inside, delta, boxes, middle = case.asked[1]
-    assert problem is case.problem
-    np.testing.assert_array_equal(inside.centre, case.inside.centre[rows])
-    np.testing.assert_array_equal(delta, case.delta[rows])
-    np.testing.assert_array_equal(boxes.centre, case.boxes.centre[rows])
-    np.testing.assert_array_equal(middle, np.zeros((len(rows), 3)))
+    assert tube.proved("boxes") == (("solutions", "boxes"), "glue", "more glue")
+    problem, seams, facts = asked[0]
+    assert (problem, facts) == ("problem", (along, ("solutions", "boxes")))
+    np.testing.assert_array_equal(seams.first, number)
+    np.testing.assert_array_equal(seams.second, [5, 6])
+    np.testing.assert_array_equal(seams.at_first, delta)
+    np.testing.assert_array_equal(seams.at_second, np.zeros((2, 3)))
 
 
 # The cells' times.
@@ -245,20 +147,6 @@ def test_references_that_rest_at_zero_tell_one_motion(apart, held):
             module._check_told(told, still, np.array([0.5]))
 
 
-def test_jumps_between_cells():
-    """Of both sides' ends with their roundings, at knots; at the beginning of the speed alone, from rest."""
-    motion = tuple(chord(20 + 10 * k, 3) for k in range(3))
-    found = _kicks(motion, np.array([True, False, True]))
-    assert found.shape == (3, 4)
-    np.testing.assert_array_equal(found[0, :2], 0.0)
-    speed = motion[1]
-    np.testing.assert_allclose(found[0, 2:], (np.abs(speed.start[0]) + speed.rounding[0, 0]) * SLACK, rtol=1e-14)
-    np.testing.assert_array_equal(found[1], 0.0)
-    for part, columns in zip(motion, (slice(0, 2), slice(2, 4)), strict=False):
-        exact = np.abs(part.start[2] - part.end[1]) + part.rounding[2, 0] + part.rounding[1, 1]
-        np.testing.assert_allclose(found[2, columns], exact * SLACK, rtol=1e-14)
-
-
 def test_the_tube_of_a_reference(monkeypatch):
     """Its cells' middles in the path's boxes: which box, where in it, and σ there with q_d's own place."""
     system = SimpleNamespace(independent=np.array([0, 2]), n_free=3)
@@ -267,17 +155,24 @@ def test_the_tube_of_a_reference(monkeypatch):
         verdict="proven", times=np.array([0.0, 2.0, 3.0]), problem=SimpleNamespace(system=system), reading="reading",
         boxes=Boxes(drawn(6, 2, 3), *(drawn(7, 2, 3),), D, *(drawn(8, 2, 2) for _ in range(4)), np.zeros(2)),
     )  # fmt: skip
-    asked = []
+    asked, about = [], []
     times = np.array([0.0, 1.0, 2.0, 5.0])
     pieces = PPoly(np.array([[[1.0, 0.5], [0.25, 1.0]], [[0.0, 0.0], [2.0, 1.0]]]), np.array([0.0, 2.0, 5.0]))
     monkeypatch.setattr(module, "_pieces", lambda _: (pieces, np.zeros(2, bool)))
     monkeypatch.setattr(module, "_cut", lambda *_: times)
     monkeypatch.setattr(module, "_check_told", lambda _, __, at: asked.append(at))
     monkeypatch.setattr(module, "certify_path", lambda *given: asked.append(given) or path)
-    monkeypatch.setattr(module, "masses_of", lambda *_: "masses")
+    motion = [ReferencePieces(piece.c, piece.x) for piece in (pieces, pieces.derivative(1), pieces.derivative(2))]
+    equations = SimpleNamespace(motion=motion)
+    monkeypatch.setattr(module, "equations_of", lambda *given: about.append(given) or equations)
     deviation = np.array([[0.1, 0.4], [0.3, 0.2], [0.2, 0.1]])
-    real = module.chords_of
-    monkeypatch.setattr(module, "chords_of", lambda *given: real(*given)._replace(deviation=deviation))
+    real = TimeCells.of
+
+    def strayed(*given):
+        made = real(*given)
+        return made._replace(place=made.place._replace(deviation=deviation))
+
+    monkeypatch.setattr(TimeCells, "of", strayed)
     solved = np.full((3, 3), 7.0)
     monkeypatch.setattr(
         module, "solve_in_boxes", lambda _, boxes, at: asked.append((boxes, at)) or SimpleNamespace(theta=solved.copy())
@@ -288,6 +183,10 @@ def test_the_tube_of_a_reference(monkeypatch):
     found = module.tube_of(law, 3)
     (_, given, room, near), middle, (boxes, delta) = asked
     assert (given, near) == (pieces, "near")
+    assert found.equations is equations
+    assert about[0][:2] == (law, "reading")
+    np.testing.assert_array_equal(about[0][2].c, pieces.c)
+    np.testing.assert_array_equal(about[0][2].x, pieces.x)
     np.testing.assert_array_equal(room, [0.3, 0.4])
     np.testing.assert_array_equal(middle, [0.5, 1.5, 3.5])
     q = np.array([[0.5, 0.25], [1.5, 0.75], [2.375, 2.5]])
@@ -298,11 +197,32 @@ def test_the_tube_of_a_reference(monkeypatch):
     np.testing.assert_allclose(delta[:, 0], s, rtol=1e-14)
     place = path.boxes.centre[number][:, [0, 2]] + s[:, None] * D[number][:, [0, 2], 0]
     np.testing.assert_allclose(place + delta[:, 1:], q, rtol=1e-13)
+    np.testing.assert_array_equal(found.at[0], number)
     np.testing.assert_array_equal(found.at[1], delta)
-    np.testing.assert_array_equal(found.times, times)
-    kicks = _kicks(found.motion, np.array([True, False, True]))
-    np.testing.assert_array_equal(found.kicks, kicks)
+    np.testing.assert_array_equal(found.cells.times, times)
     path.verdict = "undecided"
     open_end = module.tube_of(law, 3)
     assert open_end.centre.size == 0
     assert open_end.path is path
+
+
+def test_what_is_claimed_of(monkeypatch):
+    """The law's configuration at q_d(0), with q_d's own place; its gains, by its kind."""
+    asked = []
+    monkeypatch.setattr(module, "kind_of", lambda law: law.kind)
+    monkeypatch.setattr(module, "closures_of", lambda problem: (problem, "closures"))
+    monkeypatch.setattr(module, "bodies_on_joints_of", lambda *given: asked.append(given) or "free")
+    monkeypatch.setattr(module, "TrackingEquations", lambda *given: given)
+    reading = SimpleNamespace(
+        system=SimpleNamespace(independent=np.array([0, 2])), problem="problem", theta=lambda q_free: q_free + 1.0
+    )
+    model = SimpleNamespace(mechanism="mechanism", gravity_vector="gravity")
+    near = SimpleNamespace(q_free=np.zeros(3), q=np.array([5.0, 6.0]))
+    law = SimpleNamespace(model=model, near=near, kind="pd_plus", K_p="K_p", K_v="K_v")
+    *found, theta = module.equations_of(law, reading, "reference")
+    assert found == [("problem", "closures"), "free", ("pd_plus", "K_p", "K_v"), "reference"]
+    assert asked == [("mechanism", reading, "gravity")]
+    np.testing.assert_array_equal(theta, [5.0, 1.0, 6.0])
+    for kind in (None, "pd", "pd_gravity"):
+        with pytest.raises(UnsupportedMechanismError, match="ComputedTorque or PDPlus"):
+            module.feedback_of(SimpleNamespace(kind=kind))

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ccpin.control.stability.tracking.error_equations import StorageChoice
 from ccpin.control.stability.tracking.storage import (
     Storage,
-    StorageChoice,
     _constant,
     _inverted,
     floor,

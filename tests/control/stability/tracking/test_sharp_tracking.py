@@ -7,15 +7,24 @@ import numpy as np
 import pytest
 
 from ccpin.control import ComputedTorque, PDOnlineGravity, PDPlus
-from ccpin.control.stability.tracking import deviation, error_equations, on_line, tracking_error, tube_search
-from ccpin.control.stability.tracking.deviation import Deviation, thickened
-from ccpin.control.stability.tracking.error_equations import equation_of
+from ccpin.control.stability.tracking import (
+    deviation,
+    on_line,
+    reference_tube,
+    tracking_error,
+    tube_levels,
+    tube_search,
+)
+from ccpin.control.stability.tracking.cell_forms import CellForms
+from ccpin.control.stability.tracking.deviation import Deviation
+from ccpin.control.stability.tracking.error_equations import Feedback, equation_of
 from ccpin.control.stability.tracking.on_line import _speed, _worst, online_demand
-from ccpin.control.stability.tracking.reference_tube import CellForms
-from ccpin.control.stability.tracking.tube_search import Levels, TubeSearch, _reached
+from ccpin.control.stability.tracking.tube_levels import Disturbances, Levels, _reached, levels_of
+from ccpin.control.stability.tracking.tube_search import FoundTube, TubeSearch
 from ccpin.control.tracking import TrackingLaw
-from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.proof.balls import Affine, affine
+from ccpin.proof.facts import NotProvedError
 
 
 def form(mid, rad=0.0, lin=None, boxed=0):
@@ -68,44 +77,28 @@ def states(seed=0, count=2, n=2, width=3):
     return CellForms(*made)
 
 
-def test_what_a_law_computes_of(monkeypatch):
+def test_what_a_law_computes_of():
     """Computed torque: q̇, q̇ and q̈_d + K_v ė + K_p e; PD+: q̇, q̇_d and q̈_d."""
     at = states()
     K_p, K_v = np.array([[4.0, 1.0], [1.0, 3.0]]), np.array([[2.0, 0.5], [0.5, 1.0]])
-    monkeypatch.setattr(error_equations, "kind_of", lambda law: law.kind)
-    law = SimpleNamespace(K_p=K_p, K_v=K_v, kind="computed_torque")
-    found = equation_of(law).motion(law, at)
+    found = equation_of("computed_torque").motion(Feedback("computed_torque", K_p, K_v), at)
     for part in ("mid", "lin"):
         e, e_dot, a_d = (getattr(x, part) for x in (at.e, at.e_dot, at.a_d))
         np.testing.assert_allclose(getattr(found[2], part), a_d + e @ K_p + e_dot @ K_v, rtol=1e-12)
     least = 0.01 * (1.0 + np.abs(K_p).sum(axis=1) + np.abs(K_v).sum(axis=1))
     np.testing.assert_allclose(found[2].rad, np.tile(least, (2, 1)), rtol=1e-9)
     assert found[0] is found[1] is at.v
-    plus = SimpleNamespace(kind="pd_plus")
-    assert equation_of(plus).motion(plus, at)[:3] == (at.v, at.v_d, at.a_d)
-
-
-def test_cells_thickened_by_errors_of_sigma():
-    """δ moves each dependent coordinate by ε and nothing else, with parameters of its own."""
-    at = states(width=4)
-    tube = SimpleNamespace(problem=SimpleNamespace(system=SimpleNamespace(m=2, dependent=np.array([1, 3]))))
-    found = thickened(tube, at, 0.25)
-    for wide, thin in zip(found, at, strict=True):
-        assert wide.lin.shape[0] == 4
-        np.testing.assert_array_equal(wide.lin[:2], thin.lin)
-        np.testing.assert_array_equal(wide.mid, thin.mid)
-        assert wide.boxed == 2
-    expected = np.zeros((2, 2, 4))
-    expected[0, :, 1] = expected[1, :, 3] = 0.25
-    np.testing.assert_array_equal(found.theta.lin[2:], expected)
-    assert all(not wide.lin[2:].any() for wide in found[1:])
+    assert equation_of("pd_plus").motion(Feedback("pd_plus", K_p, K_v), at)[:3] == (at.v, at.v_d, at.a_d)
+    for kind in ("pd", "pd_gravity", None):
+        with pytest.raises(NotProvedError):
+            equation_of(kind)
 
 
 def test_cells_are_bounded_chunk_by_chunk(monkeypatch):
     """All of them, in their order."""
     asked = []
 
-    def part(law, tube, chunk, sigma_error):
+    def part(equations, chunk, sigma_error):
         asked.append(len(chunk.e.mid))
         return Deviation(chunk.e[:, :, None], chunk.e.mid, *[chunk.e[:, :, None]] * 3)
 
@@ -113,8 +106,8 @@ def test_cells_are_bounded_chunk_by_chunk(monkeypatch):
     at = states(count=7)
     system = SimpleNamespace(m=2)
     loops = [SimpleNamespace(joints=np.zeros((1000, 4)))]
-    tube = SimpleNamespace(masses=SimpleNamespace(loops=loops), problem=SimpleNamespace(system=system))
-    found = deviation.deviation_of(None, tube, at, 0.1)
+    equations = SimpleNamespace(masses=SimpleNamespace(loops=loops), closures=SimpleNamespace(system=system))
+    found = deviation.deviation_of(equations, at, 0.1)
     assert sum(asked) == 7
     np.testing.assert_array_equal(found.push, at.e.mid)
 
@@ -165,11 +158,11 @@ def test_newton_contracts_or_nothing_is_told(demand, share, holds):
     if holds:
         assert demand(slope)[0].steps > 2
     else:
-        with pytest.raises(ConvergenceError):
+        with pytest.raises(NotProvedError):
             demand(slope)
-    with pytest.raises(ConvergenceError):
+    with pytest.raises(NotProvedError):
         demand(np.inf)
-    with pytest.raises(ConvergenceError):  # E₀ = 1.5 ε
+    with pytest.raises(NotProvedError):  # E₀ = 1.5 ε
         demand(2.02 / 1.5e-3, period=0.25e-3)
 
 
@@ -178,9 +171,9 @@ def test_speeds_of_the_dependent_coordinates(monkeypatch):
     rho = form([[[1.0, 2.0], [3.0, -4.0], [0.0, 1.0]], np.ones((3, 2))])
     monkeypatch.setattr(on_line, "Reduced", lambda *_: SimpleNamespace(rho=rho))
     system = SimpleNamespace(dependent=np.array([0, 1]))
-    tube = SimpleNamespace(problem=SimpleNamespace(system=system), masses=None)
+    equations = SimpleNamespace(closures=SimpleNamespace(system=system), masses=None)
     at = SimpleNamespace(theta=None, v=form([[1.0, -1.0], [0.5, 0.25]]))
-    assert _speed(tube, at) == pytest.approx(np.hypot(1.0, 7.0), rel=1e-9)
+    assert _speed(equations, at) == pytest.approx(np.hypot(1.0, 7.0), rel=1e-9)
     assert _worst(np.array([1.0, 3.0, 2.0])) == 3.0
     assert _worst(np.array([1.0, np.nan])) == np.inf
 
@@ -202,11 +195,11 @@ def test_newtons_constants(monkeypatch):
 
     at = SimpleNamespace(bend=Affine(bend, lin, np.zeros_like(bend), 1), grip=SimpleNamespace(solve=solve))
     monkeypatch.setattr(on_line, "Reduced", lambda *_: at)
-    monkeypatch.setattr(on_line, "thickened", lambda *_: SimpleNamespace(theta=None))
-    tube = SimpleNamespace(
-        problem=SimpleNamespace(system=SimpleNamespace(m=2, dependent=np.array([1, 2]))), masses=None
-    )
-    slope, stretch = on_line._newton(tube, None, 0.1)
+    system = SimpleNamespace(m=2, dependent=np.array([1, 2]))
+    equations, asked = SimpleNamespace(closures=SimpleNamespace(system=system), masses=None), []
+    cells = SimpleNamespace(thickened=lambda *given: asked.append(given) or SimpleNamespace(theta=None))
+    slope, stretch = on_line._newton(equations, cells, 0.1)
+    assert asked == [(system, 0.1)]
     parts = bend[0][:, 1:, 1:].copy()
     parts[0, 0, 0] += 0.5
     assert slope == pytest.approx(2.0 * np.sqrt(np.sum(parts**2)), rel=1e-9)
@@ -231,29 +224,41 @@ def test_levels_follow_their_equation():
     assert falling[1] == pytest.approx(1.0 + 8.0 * np.exp(-1.0), rel=1e-9)
 
 
-def searched(levels, proved=(True, True), middles=None, rounds=None):
-    """A search over two cells of one coordinate, whose levels are told."""
-    asked = []
+@pytest.fixture
+def searched(monkeypatch):
+    """A search over two cells of one coordinate, whose levels are told; what the kernel says of it: all is proved."""
 
-    def of(room, speed_room):
-        asked.append(np.concatenate([room, speed_room], axis=1))
-        ok = np.array(proved if len(asked) > 1 else (True, True) if middles is None else middles)
-        return SimpleNamespace(middles=lambda: None), ok
+    def run(levels, proved=(True, True), middles=(True, True), refused=()):
+        asked, claims, told, refusing = [], [], iter(range(99)), iter(refused)
 
-    motion = (SimpleNamespace(start=np.array([[0.5], [1.0]])),)
-    tube = SimpleNamespace(
-        path=SimpleNamespace(verdict="proven", reason="path"), motion=motion, states=of, times=np.array([0.0, 1.0, 2.0])
-    )
-    one = TubeSearch(SimpleNamespace(), tube, 0.5, np.zeros(1), np.zeros(2))
-    one._planned = lambda middle: SimpleNamespace(decay=3.0)
-    told = iter(range(99))
-    one._levels = lambda dev, room=None: levels(next(told), room)
-    return one, asked
+        def boxes(room):
+            asked.append(room)
+            return f"boxes {len(asked)}", np.array(proved if len(asked) > 1 else middles)
 
+        def prove(claim, *premises):
+            claims.append((claim, premises))
+            if next(refusing, False):
+                raise NotProvedError("so it is")
+            return SimpleNamespace(found={"bound": np.array([[0.25, 0.5], [2.0, 9.0]])})
 
-@pytest.fixture(autouse=True)
-def _no_deviations(monkeypatch):
-    monkeypatch.setattr(tube_search, "deviation_of", lambda *_: None)
+        cells = SimpleNamespace(times=np.array([0.0, 1.0, 2.0]), place=SimpleNamespace(start=np.array([[0.5], [1.0]])))
+        tube = SimpleNamespace(
+            path=SimpleNamespace(verdict="proven", reason="path", proved="path's"), centre=np.zeros((2, 3)),
+            cells=cells, boxes=boxes, proved=lambda boxes: (boxes, "glue"),
+            equations=SimpleNamespace(closures=SimpleNamespace(system=None), feedback="feedback"),
+        )  # fmt: skip
+        monkeypatch.setattr(tube_search, "forms_of", lambda *_: SimpleNamespace(middles=lambda: None))
+        monkeypatch.setattr(tube_search, "deviation_of", lambda *_: None)
+        monkeypatch.setattr(tube_search, "TubeKept", SimpleNamespace)
+        monkeypatch.setattr(tube_search, "prove", prove)
+        monkeypatch.setattr(
+            tube_search, "levels_of", lambda *given: levels(next(told), given[5] if len(given) > 5 else None)
+        )
+        one = TubeSearch(tube, Disturbances(0.5, np.zeros(1), np.zeros(2)))
+        one._choice = lambda middle: SimpleNamespace(decay=3.0, cross=0.25, scale=np.ones(1), P=None)
+        return one, asked, claims
+
+    return run
 
 
 def level(
@@ -266,19 +271,11 @@ def level(
     return Levels(*(np.array(x, float) for x in (reached, allowed, widths, entries, sources)), 0.75)
 
 
-def test_what_is_proved_is_told():
-    """|x| ≤ (P⁻¹)^½ v^½; the last cell's w as t → ∞; γ = max w^½/ε."""
-    one, asked = searched(lambda k, room: level())
-    found = one.found()
-    assert found.verdict == "proven"
-    np.testing.assert_allclose(found.bound, np.sqrt([[1.0], [2.0]]) * [[0.5, 0.25], [1.0, 2.0]], rtol=1e-9)
-    np.testing.assert_allclose(found.ultimate, [2.0], rtol=1e-9)
-    assert found.gain == pytest.approx(2.0 / 0.5)
-    assert (found.decay, found.start) == (3.0, 0.75)
-    np.testing.assert_array_equal(found.unit, [1.0, 2.0])
-    np.testing.assert_array_equal(found.room, asked[-1])
-    np.testing.assert_array_equal(asked[0], np.zeros((2, 2)))
-    assert f"{np.sqrt(2.0):.3g}" in found.reason
+def test_what_a_level_says():
+    """|x| ≤ (P⁻¹)^½ v^½; rooms hold that and what enters."""
+    one = level(entries=((3.0, 0.0), (0.1, 7.0)))
+    np.testing.assert_allclose(one.bound, np.sqrt([[1.0], [2.0]]) * [[0.5, 0.25], [1.0, 2.0]], rtol=1e-9)
+    np.testing.assert_allclose(one.needed, [[3.0, 0.25], [np.sqrt(2.0), 7.0]], rtol=1e-9)
 
 
 @pytest.mark.parametrize("cell", [0, 1])
@@ -287,45 +284,76 @@ def test_levels_are_below_what_is_allowed(cell, share, holds):
     """V < c_k on each cell."""
     reached = np.array([1.0, 1.0])
     reached[cell] = 9.0 * share
-    one, _ = searched(lambda k, room: level(reached=reached))
-    assert (one.found().verdict == "proven") is holds
+    assert level(reached=reached).held(np.ones((2, 2))) is holds
 
 
 @pytest.mark.parametrize("place", [(0, 0), (1, 0), (1, 1)])
 @pytest.mark.parametrize(("share", "holds"), [(1.0 - 1.05e-6, True), (1.0 - 0.95e-6, False), (1.5, False)])
 def test_cells_are_entered_inside(place, share, holds):
     """|x| at the beginning of a cell is below its room."""
-
-    def told(k, room):
-        entries = np.zeros((2, 2))
-        if room is not None:
-            entries[place] = share * room[place]
-        return level(entries=entries)
-
-    assert (searched(told)[0].found().verdict == "proven") is holds
+    entries, room = np.zeros((2, 2)), np.array([[0.5, 0.25], [2.0, 3.0]])
+    entries[place] = share * room[place]
+    assert level(entries=entries).held(room) is holds
 
 
-def test_rooms_grow_to_what_is_needed():
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"widths": ((0.5, np.inf), (1.0, 2.0))}, {"widths": ((np.nan, 1.0), (1.0, 2.0))}, {"sources": (1.0, np.inf)},
+        {"sources": (np.nan, 1.0)}, {"reached": (np.nan, 1.0)}, {"entries": ((0.0, 0.0), (0.0, np.nan))},
+    ],
+)  # fmt: skip
+def test_what_is_not_known_is_not_held(wrong):
+    assert not level(**wrong).held(np.full((2, 2), 10.0))
+
+
+def test_what_is_found_is_proved(searched):
+    """At once, without levels, where it holds: the claim has the room tried, the choice and what was given."""
+    one, asked, claims = searched(lambda k, room: level() if room is None else None)
+    found = one.found()
+    assert found.proved is not None
+    assert "below 2 " in found.reason
+    (claim, premises) = claims[0]
+    assert premises == ("path's", "boxes 2", "glue")
+    np.testing.assert_array_equal(asked[0], np.zeros((2, 1)))
+    np.testing.assert_array_equal(claim.room[:, :1], asked[1])
+    np.testing.assert_array_equal(claim.times, one.tube.cells.times)
+    assert (claim.decay, claim.cross, claim.sigma_error) == (3.0, 0.25, 0.5)
+    assert claim.storage.shape == (0, 0)
+    assert (claim.disturbance, claim.start) == (one.given.push, one.given.start)
+
+
+def test_what_is_refused_is_said(searched):
+    """A bound that the kernel does not find is none; one that it refuses at first is grown until it holds."""
+    found = searched(lambda k, room: level(), refused=[True, True])[0].found()
+    assert found.proved is None
+    assert "did not hold" in found.reason
+    assert "so it is" in found.reason
+    reached = iter([1.0, 10.0, 1.0])
+    one, asked, claims = searched(lambda k, room: level(reached=[next(reached)] * 2), refused=[True])
+    assert one.found().proved is not None
+    assert (one.rounds, len(asked), len(claims)) == (2, 3, 2)
+
+
+def test_rooms_grow_to_what_is_needed(searched):
     """From the middles' bound on; every round as large as what came out, and more."""
     entries = np.array([[5.0, 0.0], [0.0, 7.0]])
-
-    def told(k, room):
-        return level(reached=(10.0, 10.0), allowed=(9.0, 9.0), entries=entries)
-
-    one, asked = searched(told)
-    assert one.found().verdict == "undecided"
-    needed = np.maximum(np.sqrt(10.0) * np.array([[0.5, 0.25], [1.0, 2.0]]), entries)
+    one, asked, _ = searched(
+        lambda k, room: level(reached=(10.0, 10.0), allowed=(9.0, 9.0), entries=entries), refused=[True]
+    )
+    assert one.found().proved is None
+    needed = np.maximum(np.sqrt(10.0) * np.array([[0.5, 0.25], [1.0, 2.0]]), entries)[:, :1]
     assert all(np.all(room > needed) for room in asked[1:])
     assert all(np.all(later >= before) for before, later in pairwise(asked[1:]))
 
 
 @pytest.mark.parametrize("which", [(False, True), (True, False)])
-def test_sigma_is_to_be_proved_on_every_cell(which):
+def test_sigma_is_to_be_proved_on_every_cell(searched, which):
     assert "σ is not proved" in searched(lambda k, room: level(), proved=which)[0].found().reason
     assert "σ is not proved" in searched(lambda k, room: level(), middles=which)[0].found().reason
 
 
-def test_what_is_open_is_told():
+def test_what_is_open_is_told(searched):
     """One infinite width, one cell without a level, one without a number; a path that is open; no plan."""
     for wrong, said in (
         ({"widths": ((0.5, np.inf), (1.0, 2.0))}, "D is not proved"),
@@ -333,17 +361,13 @@ def test_what_is_open_is_told():
         ({"sources": (1.0, np.inf)}, "V̇ is not proved"),
         ({"sources": (np.nan, 1.0)}, "φ_y"),
     ):
-        found = searched(lambda k, room, w=wrong: level() if room is None else level(**w))[0].found()
-        assert found.room.shape == (2, 2)
-        assert (found.verdict, said in found.reason) == ("undecided", True)
-        assert np.all(np.isinf(found.bound))
-        assert found.bound.shape == (2, 2)
-        assert found.ultimate.shape == (1,)
-    one, _ = searched(lambda k, room: level())
+        found = searched(lambda k, room, w=wrong: level() if room is None else level(**w), refused=[True])[0].found()
+        assert (found.proved, said in found.reason) == (None, True)
+    one = searched(lambda k, room: level())[0]
     one.tube.path.verdict = "undecided"
     assert "reference itself" in one.found().reason
-    one, _ = searched(lambda k, room: level())
-    one._planned = lambda middle: None
+    one = searched(lambda k, room: level())[0]
+    one._choice = lambda middle: None
     assert "no storage" in one.found().reason
 
 
@@ -353,23 +377,22 @@ def test_levels_by_the_theorem(monkeypatch):
     kicks = np.array([[0.1, 0.2], [0.3, 0.0], [0.0, 0.4]])
     width, g = np.array([[0.5, 1.0], [0.25, 0.5], [1.0, 2.0]]), np.array([1.0, 2.0, 3.0])
     size = np.array([0.5, 0.25, 0.125])
-    monkeypatch.setattr(tube_search, "storage_of", lambda *_: SimpleNamespace(P=affine(P)))
-    monkeypatch.setattr(tube_search, "gain", lambda *_: g)
-    monkeypatch.setattr(tube_search, "widths", lambda _: width)
-    tube = SimpleNamespace(kicks=kicks, times=np.array([0.0, 0.5, 0.75, 1.75]))
-    start = np.array([0.25, 0.5])
-    one = TubeSearch(None, tube, 0.1, np.zeros(1), start)
-    one.plan = SimpleNamespace(decay=2.0, scale=None)
+    monkeypatch.setattr(tube_levels, "storage_of", lambda *_: SimpleNamespace(P=affine(P)))
+    monkeypatch.setattr(tube_levels, "gain", lambda *_: g)
+    monkeypatch.setattr(tube_levels, "widths", lambda _: width)
+    cells = SimpleNamespace(kicks=kicks, times=np.array([0.0, 0.5, 0.75, 1.75]))
+    start, choice = np.array([0.25, 0.5]), SimpleNamespace(decay=2.0, scale=None)
+    given = Disturbances(0.1, np.zeros(1), start)
     dev = SimpleNamespace(D=None, C=None, damping=None, size=lambda *_: size)
     room = np.array([[1.0, 3.0], [2.0, 1.0], [4.0, 5.0]])
-    found = one._levels(dev, room)
+    found = levels_of(None, choice, dev, given, cells, room)
     first = start + kicks[0]
     np.testing.assert_allclose(found.sources, (g * size) ** 2, rtol=1e-9)
     assert found.start == pytest.approx(first @ P[0] @ first, rel=1e-9)
     np.testing.assert_allclose(found.allowed, ((room / width) ** 2).min(axis=1))
-    np.testing.assert_array_equal(one._levels(dev).allowed, [np.inf] * 3)
+    np.testing.assert_array_equal(levels_of(None, choice, dev, given, cells).allowed, [np.inf] * 3)
     jumps = np.sqrt([k @ np.abs(p) @ k for k, p in zip(kicks, P, strict=True)])
-    reached, ends = _reached(found.start, found.sources, jumps, 2.0, np.diff(tube.times))
+    reached, ends = _reached(found.start, found.sources, jumps, 2.0, np.diff(cells.times))
     np.testing.assert_allclose(found.reached, reached, rtol=1e-8)
     entries = np.vstack([first, np.sqrt(ends[:2, None]) * width[:2] + kicks[1:]])
     np.testing.assert_allclose(found.entries, entries, rtol=1e-8)
@@ -379,20 +402,17 @@ def test_levels_by_the_theorem(monkeypatch):
 # What is told of it.
 
 
-def test_errors_and_speeds_of_a_certificate(monkeypatch):
-    bound = np.array([[1.0, 2.0, 3.0, 4.0], [2.0, 1.0, 5.0, 0.5]])
-    found = tube_search.TubeBounds("proven", "so", bound, np.array([0.1, 0.2]), 3.0, 2.0, np.ones(4), 0.5, bound)
-    monkeypatch.setattr(tracking_error, "TubeSearch", lambda *_: SimpleNamespace(found=lambda: found))
+def test_what_a_search_finds_is_certified(monkeypatch):
+    """With what dry friction leaves of it."""
+    given = Disturbances(0.1, np.zeros(2), np.zeros(4))
+    monkeypatch.setattr(
+        tracking_error, "TubeSearch", lambda *asked: SimpleNamespace(found=lambda: FoundTube(asked, "so"))
+    )
     monkeypatch.setattr(tracking_error, "without_dry_friction", lambda _: ", but")
     law = SimpleNamespace(model=SimpleNamespace(mechanism=None))
-    made = tracking_error._certificate(
-        law, SimpleNamespace(times=np.array([0.0, 1.0, 2.0])), 0.1, np.zeros(2), np.zeros(4)
-    )
-    np.testing.assert_array_equal(made.errors, bound[:, :2])
-    np.testing.assert_array_equal(made.speeds, bound[:, 2:])
-    np.testing.assert_array_equal(made.error, [2.0, 2.0])
-    np.testing.assert_array_equal(made.times, [0.0, 1.0, np.inf])
-    assert made.reason == "so, but"
+    made = tracking_error._certificate(law, "tube", given)
+    assert (made.law, made.sigma_error, made.disturbance) == (law, 0.1, given.push)
+    assert (made.proved, made.reason, made._tube) == (("tube", given), "so, but", "tube")
 
 
 def test_bounds_that_are_given():
@@ -409,18 +429,19 @@ def test_bounds_that_are_given():
 def test_what_the_theorem_is_about(monkeypatch, wrong):
     """Scalar coordinates that stay, and motors on them."""
     kinds = {ComputedTorque: "computed_torque", PDPlus: "pd_plus", PDOnlineGravity: "pd_gravity"}
-    monkeypatch.setattr(error_equations, "kind_of", lambda law: kinds.get(type(law)))
+    monkeypatch.setattr(reference_tube, "kind_of", lambda law: kinds.get(type(law)))
     coordinates = SimpleNamespace(scalar=wrong.get("scalar", True), constant=wrong.get("constant", True))
     model = SimpleNamespace(
         mechanism=SimpleNamespace(name="m"), coordinates=coordinates, actuation=wrong.get("actuation")
     )
     kind = wrong.get("law", ComputedTorque)
     made = object.__new__(type("Other", (kind,), {"_force": lambda *_: None}) if kind is TrackingLaw else kind)
-    object.__setattr__(made, "model", model)
+    vars(made).update(model=model, K_p=None, K_v=None)
     with pytest.raises(UnsupportedMechanismError):
         tracking_error._check(made)
     for kind in (ComputedTorque, PDPlus):
         fine = object.__new__(kind)
         plain = SimpleNamespace(scalar=True, constant=True)
-        object.__setattr__(fine, "model", SimpleNamespace(mechanism=None, coordinates=plain, actuation=None))
+        model = SimpleNamespace(mechanism=None, coordinates=plain, actuation=None)
+        vars(fine).update(model=model, K_p=None, K_v=None)
         tracking_error._check(fine)

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from ccpin.control import ComputedTorque
-from ccpin.control.stability.tracking.storage import Storage, StorageChoice, storage_of, widths
+from ccpin.control.stability.tracking.error_equations import StorageChoice
+from ccpin.control.stability.tracking.reference_tube import feedback_of
+from ccpin.control.stability.tracking.storage import Storage, storage_of, widths
 from ccpin.proof.balls import affine
 from tests.support.tracked import law_for
 
@@ -57,7 +59,7 @@ def test_the_exact_rate_is_within_computed_torques_form():
     for _ in range(20):
         P = rng.normal(size=(4, 4))
         P = P + P.T
-        form = storage_of(law, StorageChoice(1.0, 0.0, np.ones(2), P), nothing, nothing, nothing)
+        form = storage_of(feedback_of(law), StorageChoice(1.0, 0.0, np.ones(2), P), nothing, nothing, nothing)
         for i, j in np.ndindex(4, 4):
             terms = (Fraction(P[i, k]) * A[k][j] + A[k][i] * Fraction(P[k, j]) for k in range(4))
             off = abs(-sum(terms) - Fraction(form.W.mid[0, i, j]))

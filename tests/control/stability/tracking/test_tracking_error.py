@@ -19,9 +19,10 @@ from ccpin.control import (
     largest_sigma_error,
 )
 from ccpin.control.online import capped_sigma
-from ccpin.control.stability.tracking.error_equations import choice_for
-from ccpin.control.stability.tracking.reference_tube import tube_of
+from ccpin.control.stability.tracking.cell_forms import forms_of
+from ccpin.control.stability.tracking.reference_tube import feedback_of, tube_of
 from ccpin.control.stability.tracking.storage import floor, storage_of
+from ccpin.control.stability.tracking.tube_search import choice_for
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.proof.balls import Affine, affine
 from tests.support.paper import GOAL, START
@@ -180,7 +181,9 @@ def test_the_storage_function_falls_as_it_should(law_class):
 
         def storage(t, q, v):
             at = law.state(q)
-            found = storage_of(law, plan, affine(at.D[None]), affine(at.C(v)[None]), affine(at.damping[None]))
+            found = storage_of(
+                feedback_of(law), plan, affine(at.D[None]), affine(at.C(v)[None]), affine(at.damping[None])
+            )
             return found, np.concatenate([law.reference.at(t).q - q, law.reference.at(t).v - v])
 
         u = WithSigmaError(law, offset).torque(t, state, v)
@@ -200,7 +203,7 @@ def test_the_storage_function_falls_as_it_should(law_class):
 def _plan(law):
     """A plan from the model at the start."""
     state = law.near
-    return choice_for(law, np.ones(2), state.D[None], state.C(np.ones(2))[None], state.damping[None])
+    return choice_for(feedback_of(law), np.ones(2), state.D[None], state.C(np.ones(2))[None], state.damping[None])
 
 
 def test_floor_is_below():
@@ -305,13 +308,14 @@ def test_cells_cover_the_reference():
     """q_d, q̇_d and q̈_d at random times are in their cells' forms."""
     law = law_for(ComputedTorque)
     tube = tube_of(law, 40)
-    room = np.zeros((len(tube.centre), 2))
-    states, proved = tube.states(room, room)
+    room = np.zeros((len(tube.centre), 4))
+    boxes, proved = tube.boxes(room[:, :2])
     assert proved.all()
+    states = forms_of(tube.equations.closures.system, boxes, tube.cells, room)
     for t in np.random.default_rng(0).uniform(0.0, 0.4, 200):
-        k = min(int(np.searchsorted(tube.times, t, side="right")) - 1, len(room) - 1)
+        k = min(int(np.searchsorted(tube.cells.times, t, side="right")) - 1, len(room) - 1)
         wanted = law.reference.at(t)
-        s = np.clip(2.0 * (t - tube.times[k]) / (tube.times[k + 1] - tube.times[k]) - 1.0, -1.0, 1.0)
+        s = np.clip(2.0 * (t - tube.cells.times[k]) / (tube.cells.times[k + 1] - tube.cells.times[k]) - 1.0, -1.0, 1.0)
         theta = law.model.sigma(wanted.q, law.near.q_free)
         for form, value in ((states.theta, theta), (states.v_d, wanted.v), (states.a_d, wanted.a)):
             assert np.all(np.abs(value - form.mid[k] - s * form.lin[0, k]) <= form.rad[k])

@@ -9,10 +9,13 @@ from scipy.interpolate import PPoly
 import ccpin
 from ccpin.control import ComputedTorque, PDPlus, PointToPoint, Reference, certify_tracking
 from ccpin.control.references import PiecewisePolynomial, ReferenceState
+from ccpin.control.stability.tracking import tube_claim, tube_search
+from ccpin.control.stability.tracking.cell_forms import forms_of
 from ccpin.control.stability.tracking.deviation import deviation_of
 from ccpin.control.stability.tracking.reference_tube import tube_of
 from ccpin.control.stability.tracking.storage import storage_of
-from ccpin.control.stability.tracking.tube_search import TubeSearch, _reached
+from ccpin.control.stability.tracking.tube_levels import Disturbances, _reached, levels_of
+from ccpin.control.stability.tracking.tube_search import TubeSearch
 from ccpin.errors import InvalidInputError
 from tests.support.paper import START
 from tests.support.sigma_attacks import WithWrongSigma, pushing, switching
@@ -135,14 +138,14 @@ def test_references_that_are_refused():
 def test_how_far_the_reference_jumps(begin):
     """q̇_d from rest to v, from v to −v, from −v to rest: to rounding and not below; elsewhere nothing."""
     law = law_for(ComputedTorque, reference=corner(begin=begin))
-    tube, speed = tube_of(law, 8), np.array([0.05, 0.025])
-    expected = np.zeros((len(tube.times) - 1, 4))
-    knots = np.searchsorted(tube.times, law.reference.breaks)
+    cells, speed = tube_of(law, 8).cells, np.array([0.05, 0.025])
+    expected = np.zeros((len(cells.times) - 1, 4))
+    knots = np.searchsorted(cells.times, law.reference.breaks)
     expected[knots, 2:] = np.multiply.outer([1.0, 2.0, 1.0], speed)
-    assert np.all(tube.kicks >= expected - 1e-17)
-    np.testing.assert_allclose(tube.kicks, expected, atol=1e-13, rtol=1e-9)
-    assert np.all(tube.kicks[np.setdiff1d(np.arange(len(expected)), knots)] < 1e-300)
-    assert np.all(tube.kicks[knots[1:], :2] > 0.0)  # q_d's ends are known to rounding
+    assert np.all(cells.kicks >= expected - 1e-17)
+    np.testing.assert_allclose(cells.kicks, expected, atol=1e-13, rtol=1e-9)
+    assert np.all(cells.kicks[np.setdiff1d(np.arange(len(expected)), knots)] < 1e-300)
+    assert np.all(cells.kicks[knots[1:], :2] > 0.0)  # q_d's ends are known to rounding
 
 
 def test_what_jumps_do_to_the_level():
@@ -159,18 +162,19 @@ def test_what_jumps_do_to_the_level():
 @pytest.mark.parametrize("law_class", LAWS)
 def test_a_state_enters_the_next_cell_by_the_last_ones_bound(law_class):
     """Where a cell begins |x| is bounded by the widths of the cell before and the jump, J by P of the cell entered."""
-    law = law_for(law_class, reference=corner())
-    search = TubeSearch(law, tube_of(law, 16), EPSILON, np.zeros(2), np.array([1e-3, 0.0, 0.0, 0.0]))
-    count = len(search.tube.times) - 1
+    tube = tube_of(law_for(law_class, reference=corner()), 16)
+    given = Disturbances(EPSILON, np.zeros(2), np.array([1e-3, 0.0, 0.0, 0.0]))
+    own, cells, count = tube.equations, tube.cells, len(tube.centre)
     room = np.full((count, 4), 1e-2)
-    deviation = deviation_of(law, search.tube, search.tube.states(room[:, :2], room[:, 2:])[0], EPSILON)
-    search.plan = search._planned(deviation)
-    levels = search._levels(deviation, room)
-    P = storage_of(law, search.plan, deviation.D, deviation.C, deviation.damping).P.magnitude
+    states = forms_of(own.closures.system, tube.boxes(room[:, :2]).boxes, cells, room)
+    deviation = deviation_of(own, states, EPSILON)
+    choice = TubeSearch(tube, given)._choice(deviation)
+    levels = levels_of(own.feedback, choice, deviation, given, cells, room)
+    P = storage_of(own.feedback, choice, deviation.D, deviation.C, deviation.damping).P.magnitude
     P = np.broadcast_to(P, (count, 4, 4))
-    kicks, decay = search.tube.kicks, search.plan.decay
+    kicks, decay = cells.kicks, choice.decay
     first = kicks[0] + [1e-3, 0.0, 0.0, 0.0]
-    v, lengths = first @ P[0] @ first, np.diff(search.tube.times)
+    v, lengths = first @ P[0] @ first, np.diff(cells.times)
     np.testing.assert_allclose(levels.entries[0], first, rtol=1e-9)
     for k in range(1, count):
         v = levels.sources[k - 1] + (v - levels.sources[k - 1]) * np.exp(-decay * lengths[k - 1])
@@ -180,19 +184,20 @@ def test_a_state_enters_the_next_cell_by_the_last_ones_bound(law_class):
 
 def test_a_cell_must_be_wider_than_what_enters_it(monkeypatch):
     """Levels that are low enough do not do where a state may enter a cell beside its box: it is grown first."""
-    law = law_for(ComputedTorque, reference=corner())
-    search, of_levels = TubeSearch(law, tube_of(law, 16), EPSILON, np.zeros(2), np.zeros(4)), TubeSearch._levels
+    given = Disturbances(EPSILON, np.zeros(2), np.zeros(4))
+    search = TubeSearch(tube_of(law_for(ComputedTorque, reference=corner()), 16), given)
 
-    def levels(self, deviation, room=None):
-        found = of_levels(self, deviation, room)
-        entries = np.full_like(found.entries, 0.0 if room is None else 5e-3)
+    def levels(*given):
+        found = levels_of(*given)
+        entries = np.full_like(found.entries, 5e-3 if len(given) > 5 else 0.0)
         return found._replace(reached=0.0 * found.reached, allowed=np.ones_like(found.allowed), entries=entries)
 
-    monkeypatch.setattr(TubeSearch, "_levels", levels)
+    for module in (tube_search, tube_claim):
+        monkeypatch.setattr(module, "levels_of", levels)
     found = search.found()
-    assert found.verdict == "proven"
+    assert found.proved is not None
     assert search.rounds == 2
-    assert np.all(found.room > 5e-3)
+    assert np.all(found.proved.claim.room > 5e-3)
 
 
 def any_polynomials(rng):

@@ -7,7 +7,7 @@ its numbers are checked as those of closures are.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -24,9 +24,8 @@ from ccpin.control.stability.set_point.potential import (
 )
 from ccpin.control.stability.set_point.well import SetPoint, set_point_of
 from ccpin.domain.closures.system import Reading
-from ccpin.proof.chains import Chain
 from ccpin.proof.digests import digest
-from ccpin.proof.equations import Closures, closure_values, closures_of
+from ccpin.proof.equations import Closures, closure_values, closures_of, row_of
 from ccpin.proof.facts import known, require, sealed
 
 _OWN = 1e-8  # of the terms' sizes: what g(q_d) and V(q_d) of the law may be off from V′'s
@@ -51,7 +50,8 @@ class SetPointEquations:
 
     def __post_init__(self) -> None:
         require(type(self.closures) is Closures, "closures that the kernel does not know")
-        bodies = _row_of(self.closures, self.masses.chains)
+        require([not chain.direction for chain in self.masses.chains], "bodies that are no points")
+        bodies = row_of(self.closures, self.masses.chains)
         springs = (np.array(values, dtype=np.float64) for values in self.masses[1:])
         own = BodiesAndSprings(bodies.system.chains, *(sealed(values) for values in springs))
         object.__setattr__(self, "masses", own)
@@ -94,19 +94,6 @@ class SetPointEquations:
     def gain(self) -> float:
         """k."""
         return least_eigenvalue(self.law.K_p)
-
-
-def _row_of(closures: Closures, chains: tuple[Chain, ...]) -> Closures:
-    """Bodies as closures of one row: points, in coordinates that turn where the closures' do.
-
-    Raises:
-        NotProvedError: They are none.
-    """
-    system = closures.system
-    require(len(chains) > 0, "no bodies")
-    require([chain.weights.shape == (1, 3) and not chain.direction for chain in chains], "bodies that are no points")
-    none = np.zeros((1, system.n_free))
-    return Closures(replace(system, chains=chains, couplings=none, offset=np.zeros(1), moduli=np.zeros(1)))
 
 
 def _require_springs(own: SetPointEquations) -> None:

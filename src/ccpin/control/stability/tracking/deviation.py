@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.control.stability.tracking.error_equations import equation_of
+from ccpin.control.stability.tracking.cell_forms import CellForms
 from ccpin.control.stability.tracking.motion_bounds import Reduced
-from ccpin.control.stability.tracking.reference_tube import CellForms, ReferenceTube
-from ccpin.control.tracking import TrackingLaw
+from ccpin.control.stability.tracking.tracking_equations import TrackingEquations
 from ccpin.proof.balls import Affine, affine, inverse, joined
 from ccpin.proof.rounding import SLACK
 
@@ -49,37 +48,26 @@ class Deviation(NamedTuple):
         return np.asarray((sigma_error * stretch + np.linalg.norm(self.push @ disturbance / scale, axis=1)) * SLACK)
 
 
-def deviation_of(law: TrackingLaw, tube: ReferenceTube, states: CellForms, sigma_error: float) -> Deviation:
+def deviation_of(equations: TrackingEquations, states: CellForms, sigma_error: float) -> Deviation:
     """The deviation over cells, chunk by chunk."""
-    largest = max((stack.joints.size * stack.joints.shape[1] for stack in tube.masses.loops), default=1)
-    numbers = 18 * largest * (1 + len(states.theta.lin) + tube.problem.system.m)
+    largest = max((stack.joints.size * stack.joints.shape[1] for stack in equations.masses.loops), default=1)
+    numbers = 18 * largest * (1 + len(states.theta.lin) + equations.closures.system.m)
     step = max(1, int(_NUMBERS // max(1, numbers)))
     count = len(states.theta.mid)
-    parts = [_part(law, tube, states.chunk(slice(k, k + step)), sigma_error) for k in range(0, count, step)]
+    parts = [_part(equations, states.chunk(slice(k, k + step)), sigma_error) for k in range(0, count, step)]
     slope = joined([part.slope for part in parts], -3)
     D, C, damping = (joined(forms, -3) for forms in zip(*((p.D, p.C, p.damping) for p in parts), strict=True))
     return Deviation(slope, np.concatenate([part.push for part in parts]), D, C, damping)
 
 
-def _part(law: TrackingLaw, tube: ReferenceTube, states: CellForms, sigma_error: float) -> Deviation:
-    equation, closed = equation_of(law), Reduced(tube.problem, tube.masses, states.theta)
-    around = thickened(tube, states, sigma_error)
-    slope = Reduced(tube.problem, tube.masses, around.theta).force_slope(equation.motion(law, around))
+def _part(equations: TrackingEquations, states: CellForms, sigma_error: float) -> Deviation:
+    system, masses, error = equations.closures.system, equations.masses, equations.error
+    closed, around = Reduced(system, masses, states.theta), states.thickened(system, sigma_error)
+    slope = Reduced(system, masses, around.theta).force_slope(error.motion(equations.feedback, around))
     count, n = states.e.mid.shape
     unit = np.broadcast_to(np.eye(n), (count, n, n))
-    if not equation.by_mass:
+    if not error.by_mass:
         return Deviation(slope, unit, closed.inertia, closed.coriolis(states.v), closed.damping)
     grip = inverse(closed.inertia)
     push = grip.solve(affine(unit)).magnitude
     return Deviation(grip.solve(slope), push, closed.inertia, closed.coriolis(states.v), closed.damping)
-
-
-def thickened(tube: ReferenceTube, states: CellForms, sigma_error: float) -> CellForms:
-    """The same cells with θ + δ: δ, in the dependent coordinates, adds its m entries to the parameters."""
-    m, dependent = tube.problem.system.m, tube.problem.system.dependent
-    wider = []
-    for form in states:
-        lin = np.concatenate([form.lin, np.zeros((m, *form.mid.shape))])
-        wider.append(Affine(form.mid, lin, form.rad, form.boxed))
-    wider[0].lin[-m + np.arange(m), :, dependent] = sigma_error
-    return CellForms(*wider)

@@ -13,18 +13,39 @@ import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
 
 from ccpin.arrays import Array
-from ccpin.control.laws import kind_of
+from ccpin.control.stability.tracking.cell_forms import CellForms
 from ccpin.control.stability.tracking.motion_bounds import Motion
-from ccpin.control.stability.tracking.reference_tube import CellForms
-from ccpin.control.stability.tracking.storage import StorageChoice, gain, storage_of, widths
 from ccpin.control.statements import LawKind
-from ccpin.control.tracking import TrackingLaw
-from ccpin.errors import UnsupportedMechanismError
-from ccpin.proof.balls import affine, product
+from ccpin.proof.balls import product
+from ccpin.proof.facts import require
 
 _DECAYS = np.geomspace(0.02, 0.98, 40)  # of the largest α there can be: those tried
 _CROSS = np.geomspace(0.01, 0.9, 24)  # of λ_min(K_v)/λ_max(D): the cross terms c tried
 _KEPT = 0.98  # of the α a P was made for: leaves W − αP definite with room
+
+
+class Feedback(NamedTuple):
+    """What the theorem takes of a law: its kind, and its gains K_p and K_v, of shape (n, n)."""
+
+    kind: LawKind
+    K_p: Array
+    K_v: Array
+
+
+class StorageChoice(NamedTuple):
+    """Which storage function.
+
+    Attributes:
+        decay: α, 1/s.
+        cross: c, 1/s; 0 for computed torque.
+        scale: L's diagonal, of shape (n,).
+        P: Computed torque's P, of shape (2n, 2n).
+    """
+
+    decay: float
+    cross: float
+    scale: Array
+    P: Array | None
 
 
 class ErrorEquation(NamedTuple):
@@ -36,52 +57,33 @@ class ErrorEquation(NamedTuple):
         choices: Storage functions to try, for deviations of a scale (n,) and D (K, n, n) at K places.
     """
 
-    motion: Callable[[TrackingLaw, CellForms], Motion]
+    motion: Callable[[Feedback, CellForms], Motion]
     by_mass: bool
-    choices: Callable[[TrackingLaw, Array, Array], list[StorageChoice]]
+    choices: Callable[[Feedback, Array, Array], list[StorageChoice]]
 
 
-def equation_of(law: TrackingLaw) -> ErrorEquation:
-    """The equation of a law's error.
+def equation_of(kind: LawKind) -> ErrorEquation:
+    """The equation of the error under laws of a kind.
 
     Raises:
-        UnsupportedMechanismError: The theorem is not about laws of its kind.
+        NotProvedError: The theorem is not about such laws.
     """
-    kind = kind_of(law)
-    equation = None if kind is None else ERROR_EQUATIONS.get(kind)
-    if equation is None:
-        raise UnsupportedMechanismError(
-            f"a {type(law).__name__} does not cancel what it tracks against, so its error is no matter of σ alone: "
-            "certify a ComputedTorque or PDPlus law"
-        )
-    return equation
+    require(kind in ERROR_EQUATIONS, "a law that does not cancel what it tracks against")
+    return ERROR_EQUATIONS[kind]
 
 
-def choice_for(law: TrackingLaw, scale: Array, D: Array, C: Array, damping: Array) -> StorageChoice | None:
-    """The storage function whose bound of e is about the least, for deviations of a scale and terms at K places."""
-    best, least, n, terms = None, np.inf, len(scale), [affine(term) for term in (D, C, damping)]
-    for choice in equation_of(law).choices(law, scale, D):
-        storage = storage_of(law, choice, *terms)
-        with np.errstate(all="ignore"):
-            reach = gain(storage, choice)[:, None] * widths(storage)[:, :n] / scale
-        worst = float(reach.sum(axis=1).max())
-        if worst < least:
-            best, least = choice, worst
-    return best
-
-
-def _with_feedback(law: TrackingLaw, states: CellForms) -> Motion:
+def _with_feedback(law: Feedback, states: CellForms) -> Motion:
     """Computed torque's: q̈_r = q̈_d + K_v ė + K_p e."""
     feedback = product("ij,kj->ki", law.K_p, states.e) + product("ij,kj->ki", law.K_v, states.e_dot)
     return Motion(states.v, states.v, states.a_d + feedback)
 
 
-def _of_reference(law: TrackingLaw, states: CellForms) -> Motion:
+def _of_reference(law: Feedback, states: CellForms) -> Motion:
     """PD+'s: the reference's own."""
     return Motion(states.v, states.v_d, states.a_d)
 
 
-def _ellipsoids(law: TrackingLaw, scale: Array, D: Array) -> list[StorageChoice]:
+def _ellipsoids(law: Feedback, scale: Array, D: Array) -> list[StorageChoice]:
     """Of the smallest ellipsoids that |L⁻¹Δ| ≤ 1 cannot leave, A Y + Y Aᵀ + αY + BL²Bᵀ/α = 0, P = Y⁻¹: one an α."""
     n = len(scale)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-law.K_p, -law.K_v]])
@@ -96,7 +98,7 @@ def _ellipsoids(law: TrackingLaw, scale: Array, D: Array) -> list[StorageChoice]
     return choices
 
 
-def _crossed(law: TrackingLaw, scale: Array, D: Array) -> list[StorageChoice]:
+def _crossed(law: Feedback, scale: Array, D: Array) -> list[StorageChoice]:
     """Cross terms c and decays α from a grid."""
     largest = float(np.linalg.eigvalsh(law.K_v)[0] / np.linalg.eigvalsh(D)[:, -1].max())
     return [StorageChoice(2.0 * c * share, c, scale, None) for c in largest * _CROSS for share in _DECAYS[::2]]

@@ -28,8 +28,7 @@ import numpy as np
 from ccpin.arrays import Array, skew
 from ccpin.control.stability.tracking.masses import Masses
 from ccpin.proof.balls import Affine, FormInverse, affine, cross, inverse, product, sine_versine, stacked, summed
-from ccpin.proof.chains import ChainStack
-from ccpin.proof.equations import Problem
+from ccpin.proof.chains import ChainStack, ClosureSystem
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 
 
@@ -124,7 +123,7 @@ class Reduced:
     Where φ_y is not proved regular on a set, all that follows is NaN there.
 
     Args:
-        problem: The closures.
+        system: The closures.
         masses: The masses.
         theta: The sets, of shape (B, n′).
 
@@ -133,8 +132,8 @@ class Reduced:
         rho: ρ, of shape (B, n′, n).
     """
 
-    def __init__(self, problem: Problem, masses: Masses, theta: Affine) -> None:
-        self.system, self.masses, self.theta = problem.system, masses, theta
+    def __init__(self, system: ClosureSystem, masses: Masses, theta: Affine) -> None:
+        self.system, self.masses, self.theta = system, masses, theta
         self.loops = [_tips(stack, theta) for stack in masses.loops]
         self.bodies = [_tips(bodies.stack, theta) for bodies in masses.bodies]
         slope = affine(np.tile(self.system.couplings, (len(theta.mid), 1, 1)))
@@ -149,7 +148,7 @@ class Reduced:
     @cached_property
     def free_inertia(self) -> Affine:
         """D′, of shape (B, n′, n′)."""
-        return self.pairs([tips.first for tips in self.bodies]) + np.diag(self.masses.armature)
+        return self.pairs([tips.first for tips in self.bodies]) + np.diag(self.masses.free.armature)
 
     @cached_property
     def inertia(self) -> Affine:
@@ -159,7 +158,7 @@ class Reduced:
     @cached_property
     def damping(self) -> Affine:
         """ρᵀ diag(b) ρ, of shape (B, n, n)."""
-        return product("bpn,bpk->bnk", self.rho, product("p,bpk->bpk", self.masses.damping, self.rho))
+        return product("bpn,bpk->bnk", self.rho, product("p,bpk->bpk", self.masses.free.damping, self.rho))
 
     def coriolis(self, v: Affine) -> Affine:
         """C = ρᵀC′ρ + ρᵀD′ρ̇ (24) at velocities v (B, n), of shape (B, n, n)."""
@@ -228,10 +227,10 @@ class _FreeForce:
     """f′(θ; V, W, A) and its derivatives by θ, V and W, of shapes (B, n′) and (B, n′, n′)."""
 
     def __init__(self, at: Reduced, turns: Affine, moved: Affine, sped: Affine) -> None:
-        masses, count, n_free = at.masses, len(turns.mid), at.system.n_free
+        free, count, n_free = at.masses.free, len(turns.mid), at.system.n_free
         value, turned = affine(np.zeros((count, n_free))), affine(np.zeros((count, n_free, n_free)))
         by_w, by_v, rising = list[Affine](), list[Affine](), list[Affine]()
-        for bodies, tips in zip(masses.bodies, at.bodies, strict=True):
+        for bodies, tips in zip(at.masses.bodies, at.bodies, strict=True):
             v, w, a = (_gathered(bodies.stack, rates) for rates in (turns, moved, sped))
             by_w.append(product("bcijx,bcj->bcix", tips.second, w))
             by_v.append(product("bcijx,bcj->bcix", tips.second, v))
@@ -240,11 +239,11 @@ class _FreeForce:
             value = value + _placed(bodies.stack, product("bcix,bcx->bci", tips.first, pull), 1)
             turned = turned + _placed(bodies.stack, product("bcilx,bcx->bcil", tips.second, pull), 2)
             rising.append(tips.third_along(v, w) + product("bcljx,bcj->bclx", tips.second, a))
-        value = value + product("p,bp->bp", masses.armature, sped) + product("p,bp->bp", masses.damping, moved)
-        self.value = value + product("p,bp->bp", masses.stiffness, at.theta - masses.rest)
-        self.by_theta = turned + at.pairs(rising) + np.diag(masses.stiffness)
+        value = value + product("p,bp->bp", free.armature, sped) + product("p,bp->bp", free.damping, moved)
+        self.value = value + product("p,bp->bp", free.stiffness, at.theta - free.rest)
+        self.by_theta = turned + at.pairs(rising) + np.diag(free.stiffness)
         self.by_turns = at.pairs(by_w)
-        self.by_moved = at.pairs(by_v) + np.diag(masses.damping)
+        self.by_moved = at.pairs(by_v) + np.diag(free.damping)
 
 
 def _placed(stack: ChainStack, local: Affine, rank: int) -> Affine:

@@ -5,16 +5,19 @@ Lemma O of `ccpin/proof/theorems/online.md`, whose names e₀ and L are used her
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.control.stability.tracking.deviation import thickened
+from ccpin.control.stability.tracking.cell_forms import CellForms
 from ccpin.control.stability.tracking.motion_bounds import Reduced
-from ccpin.control.stability.tracking.reference_tube import CellForms, ReferenceTube
-from ccpin.errors import ConvergenceError
+from ccpin.control.stability.tracking.tracking_equations import TrackingEquations
+from ccpin.control.stability.tracking.tube_claim import TubeKept
 from ccpin.proof.balls import Affine, affine, product
+from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
 from ccpin.proof.rounding import SLACK
 
 _TOGETHER = 8  # cells at a time: bounds memory
@@ -35,38 +38,66 @@ class OnlineDemand(NamedTuple):
     tolerance: float
 
 
-def online_demand(tube: ReferenceTube, states: CellForms, sigma_error: float, period: float) -> OnlineDemand:
+@provable
+@dataclass(frozen=True, eq=False)
+class SigmaKept(ProvableClaim):
+    """In a loop of that period whose motion keeps to a tube, σ found on line is within the tube's ε at every sample.
+
+    Premise: the fact about the tube. Found: `start`, `steps` and `tolerance` (1,) of `OnlineDemand`.
+
+    Attributes:
+        period: s, of shape (1,).
+    """
+
+    equations: TrackingEquations
+    period: Array
+    theorem = "online"
+    forms = MappingProxyType({"period": Form("1", above=0.0)})
+
+    def examined(self, *premises: Fact) -> Examined:
+        """Lemma O over the tube's cells."""
+        require(len(premises) == 1 and type(premises[0].claim) is TubeKept, "one tube is needed")
+        kept: TubeKept = premises[0].claim
+        found = online_demand(
+            self.equations, kept.states(premises[0].premises[1]), float(kept.sigma_error[0]), float(self.period[0])
+        )
+        numbers = (np.array([found.start]), np.array([found.steps], dtype=np.int64), np.array([found.tolerance]))
+        return Examined(np.ones(1, dtype=np.bool_), dict(zip(OnlineDemand._fields, numbers, strict=True)))
+
+
+def online_demand(equations: TrackingEquations, states: CellForms, sigma_error: float, period: float) -> OnlineDemand:
     """The demand of a sampled loop whose motion stays in the given cells.
 
     Raises:
-        ConvergenceError: Newton's convergence from one sample to the next is not guaranteed at that period.
+        NotProvedError: Newton's convergence from one sample to the next is not guaranteed at that period.
     """
     chunks = [states.chunk(slice(k, k + _TOGETHER)) for k in range(0, len(states.e.mid), _TOGETHER)]
-    start = sigma_error + period * max(_speed(tube, chunk) for chunk in chunks)
-    slopes, stretches = zip(*(_newton(tube, chunk, start) for chunk in chunks), strict=True)
+    start = sigma_error + period * max(_speed(equations, chunk) for chunk in chunks)
+    slopes, stretches = zip(*(_newton(equations, chunk, start) for chunk in chunks), strict=True)
     slope, stretch = max(slopes), max(stretches)
     error, steps = start, 0
     while error > sigma_error and steps < _MOST and 0.5 * slope * start < 1.0:
         error, steps = 0.5 * slope * error**2 * SLACK, steps + 1
-    if not error <= sigma_error:
-        raise ConvergenceError(
-            f"at a period of {period:.3g} s σ moves by up to {start:.3g} from one sample to the next, from where "
-            "Newton's convergence is not guaranteed: a shorter period or a slower reference would do"
-        )
+    require(
+        error <= sigma_error,
+        f"at a period of {period:.3g} s σ moves by up to {start:.3g} from one sample to the next, from where "
+        "Newton's convergence is not guaranteed: a shorter period or a slower reference would do",
+    )
     return OnlineDemand(start, steps, sigma_error / stretch)
 
 
-def _speed(tube: ReferenceTube, states: CellForms) -> float:
+def _speed(equations: TrackingEquations, states: CellForms) -> float:
     """The largest ‖dy/dt‖₂, y the dependent coordinates."""
-    rho = Reduced(tube.problem, tube.masses, states.theta).rho
-    rates = product("bpn,bn->bp", rho, states.v).magnitude[:, tube.problem.system.dependent]
+    rho = Reduced(equations.closures.system, equations.masses, states.theta).rho
+    rates = product("bpn,bn->bp", rho, states.v).magnitude[:, equations.closures.system.dependent]
     return float(np.linalg.norm(rates, axis=1).max() * SLACK)
 
 
-def _newton(tube: ReferenceTube, states: CellForms, radius: float) -> tuple[float, float]:
+def _newton(equations: TrackingEquations, states: CellForms, radius: float) -> tuple[float, float]:
     """The lemma's L, and the largest ‖M⁻¹r‖₂ for |r| ≤ 1 (its 2); infinite where φ_y may be singular."""
-    at = Reduced(tube.problem, tube.masses, thickened(tube, states, radius).theta)
-    m, dependent = tube.problem.system.m, tube.problem.system.dependent
+    system = equations.closures.system
+    at = Reduced(system, equations.masses, states.thickened(system, radius).theta)
+    m, dependent = system.m, system.dependent
     bend = at.bend[:, :, dependent][:, :, :, dependent]
     count = len(bend.mid)
     apart = Affine(bend.mid, bend.lin[:0], bend.spread).reshape(count, m, m * m)  # z is not y

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.control.tracking import TrackingLaw
+from ccpin.control.stability.tracking.error_equations import Feedback, StorageChoice
 from ccpin.proof.balls import Affine, affine, joined
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 
@@ -31,23 +31,7 @@ class Storage(NamedTuple):
     S: Array
 
 
-class StorageChoice(NamedTuple):
-    """Which storage function.
-
-    Attributes:
-        decay: α, 1/s.
-        cross: c, 1/s; 0 for computed torque.
-        scale: L's diagonal, of shape (n,).
-        P: Computed torque's P, of shape (2n, 2n).
-    """
-
-    decay: float
-    cross: float
-    scale: Array
-    P: Array | None
-
-
-def storage_of(law: TrackingLaw, plan: StorageChoice, D: Affine, C: Affine, damping: Affine) -> Storage:
+def storage_of(law: Feedback, plan: StorageChoice, D: Affine, C: Affine, damping: Affine) -> Storage:
     """The storage function of a plan over cells with these D, C and damping (K, n, n)."""
     n = len(plan.scale)
     if plan.P is not None:
@@ -60,7 +44,7 @@ def storage_of(law: TrackingLaw, plan: StorageChoice, D: Affine, C: Affine, damp
     return Storage(P, _blocks(corner, mixed, low), np.vstack([c * np.eye(n), np.eye(n)]))
 
 
-def _constant(law: TrackingLaw, P: Array) -> tuple[Affine, Array]:
+def _constant(law: Feedback, P: Array) -> tuple[Affine, Array]:
     """W with its rounding, of shape (1, 2n, 2n), and S of computed torque."""
     n = len(law.K_p)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-law.K_p, -law.K_v]])

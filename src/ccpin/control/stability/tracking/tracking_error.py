@@ -1,27 +1,27 @@
 """Tracking with a σ that is only computed to ε: a bound of the tracking error, proved (the paper's open problem).
 
-Theorem T of `ccpin/proof/theorems/tracking.md`, which also says what is not covered. Its hypotheses are looked at in
-
-- `_check`: which laws and motors it is about;
-- 1: `ReferenceTube.states`, and `Reduced.grip` and `inverse` on the way of a deviation;
-- 2: `Deviation.size`; 3: `storage_of`, `gain` and `widths`; 4 and 5: `TubeSearch.found`.
+Theorem T of `ccpin/proof/theorems/tracking.md`, which also says what is not covered. `_check` looks at which laws and
+motors it is about, `TubeSearch` looks for a tube, and `TubeKept` proves it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, numbers, positive, whole
-from ccpin.control.stability.tracking.error_equations import equation_of
-from ccpin.control.stability.tracking.on_line import OnlineDemand, online_demand
-from ccpin.control.stability.tracking.reference_tube import ReferenceTube, tube_of
+from ccpin.control.stability.tracking.on_line import OnlineDemand, SigmaKept
+from ccpin.control.stability.tracking.reference_tube import ReferenceTube, equations_of, feedback_of, tube_of
+from ccpin.control.stability.tracking.tube_claim import TubeKept
+from ccpin.control.stability.tracking.tube_levels import Disturbances
 from ccpin.control.stability.tracking.tube_search import TubeSearch
 from ccpin.control.tracking import TrackingLaw
-from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.assumptions import limits_left_out, without_dry_friction
+from ccpin.proof.facts import Fact, NotProvedError, prove
 from ccpin.proof.verdict import Verdict
 
 _LEAST = 1e-9  # ε, the smallest tried
@@ -38,36 +38,77 @@ class TrackingCertificate:
         law: The law.
         sigma_error: ε.
         disturbance: f̄, of shape (n,).
-        verdict: ``"proven"``, or ``"undecided"`` where the bounds do not close.
         reason: The verdict in a sentence.
-        times: The cells' ends, s, of shape (K + 1,); the last is infinite.
-        errors: A bound of |e| over each cell, of shape (K, n); infinite where nothing is proved.
-        speeds: A bound of |ė|, alike.
-        ultimate: A bound of |e| as t → ∞, of shape (n,).
-        decay: α, 1/s.
-        gain: γ, by which ε (1 rad or m) enters V^½, where there is no disturbance.
-        unit: |x_i| ≤ unit_i V^½ anywhere, x = (e, ė), of shape (2n,).
-        start: The bound of V at t = 0.
+        proved: The fact about the tube (`TubeKept`), which all numbers are of; ``None`` where none is proved.
     """
 
     law: TrackingLaw
     sigma_error: float
     disturbance: Array
-    verdict: Verdict
     reason: str
-    times: Array
-    errors: Array
-    speeds: Array
-    ultimate: Array
-    decay: float
-    gain: float
-    unit: Array
-    start: float
+    proved: Fact | None
     _tube: ReferenceTube = field(repr=False)
-    _room: Array = field(repr=False)
 
     def __repr__(self) -> str:
         return f"TrackingCertificate({self.verdict}: {self.reason})"
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """``"proven"``, or ``"undecided"`` where the bounds do not close."""
+        if type(self.proved) is not Fact or type(self.proved.claim) is not TubeKept:
+            return "undecided"
+        claim, reference = self.proved.claim, self._tube.equations.reference
+        told = claim.sigma_error[0] == self.sigma_error and np.array_equal(claim.disturbance, self.disturbance)
+        own = equations_of(self.law, self._tube.path.reading, reference)
+        return "proven" if told and own.digest == self.proved.digest else "undecided"
+
+    def _found(self, name: str, *shape: int) -> Array:
+        """A number of the fact; infinite where there is none."""
+        if self.verdict != "proven" or self.proved is None:
+            return np.full(shape, np.inf)
+        return np.asarray(self.proved.found[name])
+
+    @property
+    def times(self) -> Array:
+        """The cells' ends, s, of shape (K + 1,); the last is infinite."""
+        return np.append(self._tube.cells.times[:-1], np.inf)
+
+    @property
+    def errors(self) -> Array:
+        """A bound of |e| over each cell, of shape (K, n); infinite where nothing is proved."""
+        n = len(self.disturbance)
+        return self._found("bound", len(self._tube.cells.kicks), 2 * n)[:, :n]
+
+    @property
+    def speeds(self) -> Array:
+        """A bound of |ė|, alike."""
+        n = len(self.disturbance)
+        return self._found("bound", len(self._tube.cells.kicks), 2 * n)[:, n:]
+
+    @property
+    def ultimate(self) -> Array:
+        """A bound of |e| as t → ∞, of shape (n,)."""
+        return self._found("ultimate", len(self.disturbance))
+
+    @property
+    def decay(self) -> float:
+        """α, 1/s; 0 where nothing is proved."""
+        return float(self.proved.claim.decay[0]) if self.verdict == "proven" and self.proved else 0.0
+
+    @property
+    def gain(self) -> float:
+        """γ, by which ε (1 rad or m) enters V^½, where there is no disturbance."""
+        return float(self._found("gain", 1)[0])
+
+    @property
+    def unit(self) -> Array:
+        """|x_i| ≤ unit_i V^½ anywhere, x = (e, ė), of shape (2n,)."""
+        return self._found("unit", 2 * len(self.disturbance))
+
+    @property
+    def start(self) -> float:
+        """The bound of V at t = 0."""
+        return float(self._found("level", 1)[0])
 
     @property
     def assumes(self) -> tuple[str, ...]:
@@ -92,11 +133,13 @@ class TrackingCertificate:
             ConvergenceError: Newton's convergence from one sample to the next is not guaranteed.
         """
         period = positive(period, "period", "a positive number of seconds")
-        if self.verdict != "proven":
+        if self.verdict != "proven" or self.proved is None:
             raise InvalidInputError(f"there is no proved motion to sample: {self.reason}")
-        n = len(self.disturbance)
-        states, _ = self._tube.states(self._room[:, :n], self._room[:, n:])
-        return online_demand(self._tube, states, self.sigma_error, period)
+        try:
+            found = prove(SigmaKept(self.proved.claim.equations, np.array([period])), self.proved).found
+        except NotProvedError as error:
+            raise ConvergenceError(str(error)) from None
+        return OnlineDemand(float(found["start"][0]), int(found["steps"][0]), float(found["tolerance"][0]))
 
 
 def certify_tracking(
@@ -131,7 +174,7 @@ def certify_tracking(
     _check(law)
     sigma_error, cells = positive(sigma_error, "sigma_error", "a positive number (rad, m)"), whole(cells, "cells")
     push, start = _given(law, disturbance, initial_error, initial_speed)
-    return _certificate(law, tube_of(law, cells), sigma_error, push, start)
+    return _certificate(law, tube_of(law, cells), Disturbances(sigma_error, push, start))
 
 
 def largest_sigma_error(
@@ -152,7 +195,7 @@ def largest_sigma_error(
     low, high, best = 0.0, np.inf, None
     trial = _MIDDLE
     while high > _NEAR * low and _LEAST <= trial <= 1.0:
-        found = _certificate(law, tube, trial, push, start)
+        found = _certificate(law, tube, Disturbances(trial, push, start))
         if found.verdict == "proven":
             low, best = trial, found
         else:
@@ -162,27 +205,10 @@ def largest_sigma_error(
     return best
 
 
-def _certificate(
-    law: TrackingLaw, tube: ReferenceTube, sigma_error: float, push: Array, start: Array
-) -> TrackingCertificate:
-    found, n = TubeSearch(law, tube, sigma_error, push, start).found(), len(push)
-    return TrackingCertificate(
-        law=law,
-        sigma_error=sigma_error,
-        disturbance=push,
-        verdict=found.verdict,
-        reason=found.reason + without_dry_friction(law.model.mechanism),
-        times=np.append(tube.times[:-1], np.inf),
-        errors=found.bound[:, :n],
-        speeds=found.bound[:, n:],
-        ultimate=found.ultimate,
-        decay=found.decay,
-        gain=found.gain,
-        unit=found.unit,
-        start=found.start,
-        _tube=tube,
-        _room=found.room,
-    )
+def _certificate(law: TrackingLaw, tube: ReferenceTube, given: Disturbances) -> TrackingCertificate:
+    found = TubeSearch(tube, given).found()
+    reason = found.reason + without_dry_friction(law.model.mechanism)
+    return TrackingCertificate(law, given.sigma_error, given.push, reason, found.proved, tube)
 
 
 def _given(law: TrackingLaw, push: ArrayLike, error: ArrayLike, speed: ArrayLike) -> tuple[Array, Array]:
@@ -203,7 +229,7 @@ def _check(law: TrackingLaw) -> None:
     """That the theorem is about this law and mechanism."""
     instance(law, "law", TrackingLaw)
     mechanism, coordinates = law.model.mechanism, law.model.coordinates
-    equation_of(law)
+    feedback_of(law)
     if law.model.actuation is not None:
         raise UnsupportedMechanismError(
             f"{mechanism.name}: the motors sit elsewhere than on the independent joints, so an error of σ changes what "

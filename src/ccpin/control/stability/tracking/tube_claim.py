@@ -1,0 +1,174 @@
+"""The claim that a tracking error stays in a tube: Theorem T over cells that are facts (`theorems/tracking.md`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from ccpin.arrays import Array
+from ccpin.control.stability.tracking.cell_forms import CellForms, TimeCells, forms_of
+from ccpin.control.stability.tracking.deviation import deviation_of
+from ccpin.control.stability.tracking.error_equations import StorageChoice
+from ccpin.control.stability.tracking.tracking_equations import TrackingEquations
+from ccpin.control.stability.tracking.tube_levels import Disturbances, Levels, levels_of
+from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
+from ccpin.proof.newton import encloses, reached
+from ccpin.proof.paths import Followed, follows
+from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
+from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes
+
+_POSITIVE, _NUMBER = Form("1", above=0.0), Form("1", least=0.0)
+
+
+@provable
+@dataclass(frozen=True, eq=False)
+class TubeKept(ProvableClaim):
+    """Every motion of a tracking law goes on for all t ≥ 0 on the branch of its start, with its error in a tube.
+
+    That is whatever δ, ‖δ‖₂ ≤ ε, σ is off by, and whatever force |f| ≤ f̄ acts besides. Premises: the fact that the
+    reference is followed from the law's start, with its boxes; the fact about the cells' boxes, one a cell, with the
+    parameters (s, w); facts that glue each cell's to one of the path's.
+
+    Attributes:
+        times: Between the cells, of shape (K + 1,): all of the reference's, the last cell of its rest alone.
+        room: (E, Ė) of the cells, of shape (K, 2n).
+        scale: L's diagonal, of shape (n,).
+        decay, cross: α and c, 1/s, of shape (1,) each.
+        storage: P of computed torque, of shape (2n, 2n); none, (0, 0), for laws whose P is of D.
+        sigma_error: ε, of shape (1,).
+        disturbance: f̄, of shape (n,).
+        start: Bounds of (e, ė) at t = 0, of shape (2n,).
+
+    Found: `bound` (K, 2n) of (|e|, |ė|) over each cell; `ultimate` (n,) of |e| as t → ∞; `gain` (1,), γ, where there is
+    no disturbance; `unit` (2n,), |x_i| ≤ unit_i V^½ anywhere; `level` (1,), v(0).
+    """
+
+    equations: TrackingEquations
+    times: Array
+    room: Array
+    scale: Array
+    decay: Array
+    cross: Array
+    storage: Array
+    sigma_error: Array
+    disturbance: Array
+    start: Array
+    theorem = "tracking"
+    forms = MappingProxyType(
+        {
+            "times": Form("t", least=0.0),
+            "room": Form("KX", above=0.0),
+            "scale": Form("P", above=0.0),
+            "decay": _POSITIVE,
+            "cross": _NUMBER,
+            "storage": Form("SS"),
+            "sigma_error": _POSITIVE,
+            "disturbance": Form("P", least=0.0),
+            "start": Form("X", least=0.0),
+        }
+    )
+
+    def subjects(self, *premises: Fact) -> tuple[str, ...]:
+        """The closures: what is known of boxes is about them alone."""
+        return (self.equations.closures.digest,) * len(premises)
+
+    def examined(self, *premises: Fact) -> Examined:
+        """Lemma T over the cells, then 1 to 5."""
+        require(len(premises) > 2, "a path, cells and what glues them are needed")
+        path, solutions, *glue = premises
+        require(type(path.claim) is Followed and type(solutions.claim) is SolutionsInBoxes, "no path, or no boxes")
+        cells = self._cells()
+        self._require_path(path)
+        self._require_covered(solutions, cells)
+        self._require_glued(path, solutions, glue)
+        levels = self._levels(solutions, cells)
+        require(levels.held(self.room), "what comes out is not shown to be less than what goes in")
+        n, sources = self.equations.closures.system.n, levels.sources
+        return Examined(
+            np.ones(1, dtype=np.bool_),
+            {
+                "bound": levels.bound,
+                "ultimate": np.sqrt(sources[-1]) * levels.widths[-1, :n] * SLACK,
+                "gain": np.sqrt(sources.max(keepdims=True)) / self.sigma_error,
+                "unit": levels.widths.max(axis=0),
+                "level": np.array([levels.start]),
+            },
+        )
+
+    def states(self, solutions: Fact) -> CellForms:
+        """The cells as forms, in the boxes of a premise."""
+        return forms_of(self.equations.closures.system, solutions.claim.boxes, self._cells(), self.room)
+
+    def _cells(self) -> TimeCells:
+        """The reference between the times.
+
+        Raises:
+            NotProvedError: They are not all of it, or one lies across a knot.
+        """
+        knots, times = self.equations.reference.x, self.times
+        require(len(times) == len(self.room) + 1 and np.all(np.diff(times) > 0.0), "times that fall back")
+        require(times[0] == 0.0 and times[-1] == knots[-1], "times that are not all of the reference's")
+        require(np.isin(knots, times), "a cell beyond a knot")
+        with np.errstate(all="ignore"):
+            return TimeCells.of(self.equations.motion, times)
+
+    def _require_path(self, path: Fact) -> None:
+        """That the reference is followed, in whose first box the law's configuration is.
+
+        Raises:
+            NotProvedError: It is not.
+        """
+        own, system = self.equations, self.equations.closures.system
+        require(follows(path, own.reference), "another path than the reference")
+        box = path.premises[0].claim.boxes.take(np.array([0]))
+        along = box.directions[:, system.independent, 0]
+        across = own.theta[system.independent] - (box.centre[:, system.independent] - along)
+        require(np.abs(across) <= reached(system, box)[:, 1:], "the law starts beside the path")
+        delta, theta = np.concatenate([-np.ones((1, 1)), across], axis=1), own.theta[None]
+        require(
+            encloses(own.closures, box, delta, theta, np.zeros_like(box.radius)), "the law starts on another branch"
+        )
+
+    def _require_covered(self, solutions: Fact, cells: TimeCells) -> None:
+        """That each cell's q = q_d(t) − e, |e| ≤ E, lie in its box, about the chord.
+
+        Raises:
+            NotProvedError: They do not.
+        """
+        system, boxes = self.equations.closures.system, solutions.claim.boxes
+        require(boxes.half.shape == (len(self.room), 1 + system.n), "boxes of other cells")
+        require(np.array_equal(boxes.centre[:, system.independent], cells.place.middle), "boxes about other places")
+        require(np.array_equal(boxes.directions[:, system.independent, 0], cells.place.along), "boxes along others")
+        away = (self.room[:, : system.n] + cells.place.deviation) * (1.0 + 8.0 * UNIT_ROUNDOFF)
+        require((away <= reached(system, boxes)[:, 1:]) & (boxes.half[:, :1] >= 1.0), "a cell is not in its box")
+
+    def _require_glued(self, path: Fact, solutions: Fact, glue: list[Fact]) -> None:
+        """That each cell's box is glued to one of the path's at a time that both have.
+
+        Raises:
+            NotProvedError: One is not.
+        """
+        boxes, ends, known = path.premises[0], path.claim.times, np.zeros(len(self.room), dtype=np.bool_)
+        for fact in glue:
+            require(type(fact.claim) in (GluedBoxes, Met), "premises of other kinds")
+            own = fact.premises if type(fact.claim) is GluedBoxes else fact.premises[1:]
+            require(len(own) == 2 and own[0] is boxes and own[1] is solutions, "boxes of other facts")
+            first, second = fact.claim.first, fact.claim.second - (len(ends) - 1)
+            some = (first < len(ends) - 1) & (second >= 0) & np.all(fact.found["turn"] == 0, axis=1)
+            first, second = first[some], second[some]
+            begin = np.maximum(ends[first], self.times[second])
+            known[second[begin < np.minimum(ends[first + 1], self.times[second + 1])]] = True
+        require(known, "a cell is not glued to the path")
+
+    def _levels(self, solutions: Fact, cells: TimeCells) -> Levels:
+        """What the cells' states give."""
+        own, n = self.equations, self.equations.closures.system.n
+        due = (2 * n, 2 * n) if own.error.by_mass else (0, 0)
+        P, epsilon = self.storage, float(self.sigma_error[0])
+        require(P.shape == due and np.array_equal(P, P.T), "another storage function")
+        choice = StorageChoice(float(self.decay[0]), float(self.cross[0]), self.scale, P if P.size else None)
+        states = forms_of(own.closures.system, solutions.claim.boxes, cells, self.room)
+        given = Disturbances(epsilon, self.disturbance, self.start)
+        return levels_of(own.feedback, choice, deviation_of(own, states, epsilon), given, cells, self.room)
