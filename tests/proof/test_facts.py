@@ -122,6 +122,7 @@ def test_pickled_it_is_a_claim_until_it_is_replayed(atlas):
 
 
 STATING = {  # rooms with theorems of their own: the modules that state claims, and what these are about
+    "control/stability/set_point/set_point_cells.py",
     "control/stability/set_point/set_point_equations.py",
     "control/stability/set_point/sublevel_claim.py",
     "control/stability/tracking/on_line.py",

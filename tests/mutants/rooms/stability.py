@@ -5,6 +5,7 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _WELLS = ("control/stability/set_point/test_sharp_wells.py",)
+_SUBLEVEL = ("control/stability/set_point/test_sharp_sublevel.py",)
 _TRACKING = ("control/stability/tracking/test_sharp_tracking.py",)
 ROOMS: tuple[Room, ...] = (
     Room(
@@ -19,21 +20,23 @@ ROOMS: tuple[Room, ...] = (
         ("control/stability/set_point/test_sharp_cells.py",),
     ),
     Room(
-        "control/stability/set_point/sublevel_claim",
+        "control/stability/set_point/set_point_cells",
         (
-            "SublevelProved.examined",
-            "SublevelProved.wells",
-            "SublevelProved._require_cells",
-            "SublevelProved._start",
+            "SetPointCells.subjects",
+            "SetPointCells.boxes",
+            "SetPointCells.beside",
+            "SetPointCells.wells",
+            "SetPointCells._require_cells",
+            "SetPointCells.start",
+            "SlopeBounded.examined",
             "glued_pairs",
-            "exposed",
-            "_without",
-            "_meets",
             "_beside",
-            "_joined",
+            "joined_to",
+            "without",
         ),
-        ("control/stability/set_point/test_sharp_sublevel.py",),
+        _SUBLEVEL,
     ),
+    Room("control/stability/set_point/sublevel_claim", ("SublevelProved.examined", "exposed", "_meets"), _SUBLEVEL),
     Room(
         "proof/equations",
         ("row_of",),
@@ -141,6 +144,7 @@ ROOMS: tuple[Room, ...] = (
             "_norm_over",
             "_what_limits",
             "_what_is_too_much",
+            "_proved",
             "gravity_slope_over",
         ),
         _WELLS,
@@ -226,8 +230,8 @@ EXCUSED: tuple[Excused, ...] = (
         _PROPOSED,
     ),
     Excused("control/stability/set_point/starting_cells", ("cells_around",), _PROPOSED),
-    Excused("control/stability/set_point/sublevel_proof", (), _PROPOSED),
-    Excused("control/stability/set_point/sublevel_claim", ("CellPart.middle",), _PROPOSED),
+    Excused("control/stability/set_point/cell_facts", (), _PROPOSED),
+    Excused("control/stability/set_point/set_point_cells", ("CellPart.middle",), _PROPOSED),
     Excused("control/stability/set_point/theorem3", ("SetPointCertificate.reason",), "words"),
     Excused("control/stability/set_point/theorem3", ("_sampled",), "of a region that is sampled nothing is proved"),
     Excused("control/stability/tracking/reference_tube", (), _TUBE),

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.control.stability.set_point import sublevel_claim as module
-from ccpin.control.stability.set_point.sublevel_claim import CellPart, SublevelProved, exposed, glued_pairs
+from ccpin.control.stability.set_point import set_point_cells as module
+from ccpin.control.stability.set_point.set_point_cells import CellPart, SlopeBounded, glued_pairs, without
+from ccpin.control.stability.set_point.sublevel_claim import SublevelProved, exposed
 from ccpin.control.stability.set_point.well import Range, Well
 from ccpin.proof.facts import NotProvedError
 from ccpin.proof.newton import reached
@@ -28,7 +29,7 @@ class Made:
         self.boxes = boxes_about(self.centres, self.half)
         self.q_d, self.gain, self.known, self.asked = np.zeros(n) if q_d is None else np.array(q_d), 9.0, None, []
         self.beta = self.effort = self.shift = lambda centre: 1.0
-        self.shift, self.told = lambda centre: 0.0, None
+        self.shift, self.told, self.over = lambda centre: 0.0, None, None
         self.pairs = [
             (i, j)
             for i, j in product(range(len(self.centres)), repeat=2)
@@ -64,6 +65,8 @@ class Made:
             closures=closures, law=law, gain=self.gain, theta=np.full(n + 1, 7.0), potential="potential"
         )
         assert problem.system is closures.system
+        if self.over is not None:
+            return SlopeBounded(equations, self.lower, self.upper, *np.array(self.over, float))
         return SublevelProved(equations, self.lower, self.upper)
 
     def premises(self):
@@ -277,6 +280,65 @@ def test_cells_that_have_nothing_in_common_are_not_joined(monkeypatch):
         assert made.found()["within"].tolist() == [True, False]
 
 
+# Slopes.
+
+
+def sloping(monkeypatch, lower, upper, size=1):
+    made = block(monkeypatch, size)
+    made.over = ([lower], [upper])
+    return made
+
+
+def test_slopes_are_those_of_all_cells_that_are_joined(monkeypatch):
+    """The largest β and the least effort, of the nine; where no way joins one it does not count."""
+    made = sloping(monkeypatch, (-1.5, -1.5), (1.5, 1.5))
+    made.beta = lambda c: 3.0 + c[0] + 0.5 * c[1]
+    made.effort = lambda c: 5.0 - c[0] * c[1]
+    found = made.found()
+    assert (found["beta"][0], found["effort"][0]) == (4.5, 4.0)
+    for beta in (np.nan, np.inf):
+        made.beta = lambda c, beta=beta: beta if c[0] == 1.0 else 1.0
+        made.refused("no bound")
+    made.known = [False]
+    made.refused("in no cell")
+    far = Made(monkeypatch, [(0.0, 0.0), (5.0, 0.0)])
+    far.over, far.beta = ([(-0.5, -0.5)], [(0.5, 0.5)]), lambda c: 1.0 + c[0]
+    far.effort = lambda c: 2.0 - c[0]
+    assert (far.found()["beta"][0], far.found()["effort"][0]) == (1.0, 2.0)
+    far.over = ([(-0.5, -0.5), (4.5, -0.5)], [(0.5, 0.5), (5.5, 0.5)])
+    far.refused("not covered")
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "held"),
+    [
+        ((-1.5, -1.5), (1.5, 1.5), True), ((-1.5, -0.2), (-0.2, 0.7), True), ((0.25, 0.25), (0.75, 0.5), True),
+        ((-1.5, -1.5), (np.nextafter(1.5, 2.0), 1.5), False), ((-1.5, np.nextafter(-1.5, -2.0)), (1.5, 1.5), False),
+        ((1.4, 1.4), (1.6, 1.5), False), ((7.0, 7.0), (8.0, 8.0), False),
+    ],
+)  # fmt: skip
+def test_cells_cover_what_slopes_are_bounded_over(monkeypatch, lower, upper, held):
+    """To the last bit; a cell that is left out, or not joined, leaves a hole."""
+    made = sloping(monkeypatch, lower, upper)
+    made.found() if held else made.refused("not covered")
+    if held:
+        for centre in ((1.0, 0.0), (0.0, 0.0)):
+            holed = sloping(monkeypatch, (-1.5, -1.5), (1.5, 1.5))
+            k = at(holed, *centre)
+            holed.pairs = [pair for pair in holed.pairs if k not in pair]
+            holed.refused("not covered")
+
+
+def test_what_is_left_of_a_box():
+    """Without one that reaches in: the rest, in parts that do not overlap; along all axes if none are named."""
+    whole = CellPart(np.zeros(2), np.ones(2))
+    inner = CellPart(np.full(2, 0.25), np.array([0.5, 2.0]))
+    parts = without(whole, inner)
+    assert sum(np.prod(part.upper - part.lower) for part in parts) == pytest.approx(1.0 - 0.25 * 0.75)
+    assert without(whole, CellPart(np.full(2, -1.0), np.full(2, 2.0))) == []
+    assert without(whole, CellPart(np.ones(2), np.full(2, 2.0))) == [whole]
+
+
 # Where the set point is.
 
 
@@ -292,7 +354,7 @@ def test_the_set_point_lies_in_a_cell_with_the_laws_configuration(monkeypatch):
         made.level() if held else made.refused("in no cell")
     np.testing.assert_array_equal(made.asked[0][0], [[0.5, 0.0]] * 2)
     made.known = [False, True]
-    assert made.claim()._start(made.boxes) == at(made, 1, 0)
+    assert made.claim().start(made.boxes) == at(made, 1, 0)
     made.told = [SimpleNamespace(range_over=lambda *_: Range(1.0, 1.0, None), beta=1.0, effort=1.0)] * 9
     made.refused("where q_d is")
 

@@ -234,14 +234,18 @@ def test_what_motors_cannot_give_is_told():
 def over(monkeypatch, rpdr_model):
     """`suggest_gains` over an atlas whose cells are told."""
 
-    def run(model=rpdr_model, cells=(), bound=2.0, seen=1.9, whole=True, **given):
+    def run(model=rpdr_model, cells=(), bound=2.0, seen=1.9, whole=True, proved=None, refused=False, **given):
         lower, upper = [GOAL - [0.5, 0.2], GOAL - [0.1, 0.6]], [GOAL + [0.1, 0.3], GOAL + [0.7, 0.4]]
         fake = SimpleNamespace(lower=np.array(lower), upper=np.array(upper))
         monkeypatch.setattr(module, "Atlas", SimpleNamespace)
         monkeypatch.setattr(module, "require_about", lambda *_: None)
         store = SimpleNamespace(cells=list(cells) or [cell(2.0)], whole=whole)
         monkeypatch.setattr(module, "cells_of_atlas", lambda *_: store)
-        monkeypatch.setattr(module, "gravity_slope_over", lambda _: SlopeBound(seen, bound, np.array([1.0, 2.0]), 3))
+        told = SlopeBound(seen, bound, np.array([1.0, 2.0]), 3, tuple(range(len(store.cells))))
+        monkeypatch.setattr(module, "gravity_slope_over", lambda _: told)
+        grip = min(c.well.effort for c in store.cells if c.well is not None and c.live)
+        fact = None if refused else SimpleNamespace(found={"beta": [proved or bound], "effort": [grip]})
+        monkeypatch.setattr(module, "_proved", lambda *_: (fact, "refused" if refused else ""))
         return suggest_gains(model, GOAL, fake, **given)
 
     return run
@@ -261,6 +265,10 @@ def test_gains_over_an_atlas(over, rpdr_model):
     torn = over(whole=False)
     assert torn.verdict == "undecided"
     assert "no function" in torn.reason
+    assert over(proved=2.5).beta == 2.5
+    lost = over(refused=True)
+    assert (lost.verdict, lost.proved, lost.beta) == ("undecided", None, 2.0)
+    assert "refused" in lost.reason
     assert "between" in over(bound=4.0, seen=1.9).reason
     assert "limited by" in over(bound=3.9, seen=1.95).reason
     with pytest.raises(InvalidInputError, match="no slope"):

@@ -16,7 +16,8 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, joined
 from ccpin.control.stability.set_point.potential import Potential, gravity_bounds
-from ccpin.control.stability.set_point.sublevel_claim import CellPart, exposed
+from ccpin.control.stability.set_point.set_point_cells import CellPart
+from ccpin.control.stability.set_point.sublevel_claim import exposed
 from ccpin.control.stability.set_point.well import SetPoint, Well, wells
 from ccpin.covering.proposals.solving import glued
 from ccpin.covering.proposals.tasks import CellsToProve, prove

@@ -19,7 +19,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.control.stability.set_point.certified_cells import Cell, CellStore, holding
-from ccpin.control.stability.set_point.sublevel_claim import CellPart
+from ccpin.control.stability.set_point.set_point_cells import CellPart
 from ccpin.control.stability.set_point.well import Well
 
 Limit = Literal["domain", "gain", "budget", "depth", "interrupted", "refused"]

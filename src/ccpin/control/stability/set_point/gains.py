@@ -25,7 +25,10 @@ from scipy import linalg
 
 from ccpin.arrays import Array, number, positive
 from ccpin.control.laws import PDSimpleGravity
-from ccpin.control.stability.set_point.certified_cells import CellStore
+from ccpin.control.stability.set_point.cell_facts import proved_of_cells
+from ccpin.control.stability.set_point.certified_cells import CellStore, aligned
+from ccpin.control.stability.set_point.set_point_cells import SlopeBounded
+from ccpin.control.stability.set_point.set_point_equations import SetPointEquations
 from ccpin.control.stability.set_point.starting_cells import cells_of_atlas
 from ccpin.control.stability.set_point.well import checked_region, sample_region
 from ccpin.covering.region import Corners
@@ -34,6 +37,7 @@ from ccpin.domain.closures.packing import require_about
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError, UnattainableGainsError
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.facts import Fact, NotProvedError
 from ccpin.proof.verdict import Verdict
 
 _ABOVE = 1.5  # of ‖∂g/∂q‖₂ at the set point: above 1, K_p + ∂g/∂q is positive definite there
@@ -56,6 +60,7 @@ class Gains(NamedTuple):
         effort_limit: What the motors can give either way (infinite where nothing is stated), of shape (motors,).
         verdict: ``"proven"`` where ‖∂g/∂q‖ < K_p is proved on the domain, ``"undecided"`` where it was sampled.
         reason: What limits the gains, in a sentence.
+        proved: The fact about β over the atlas's cells (`SlopeBounded`); ``None`` where it was sampled.
     """
 
     K_p: Array
@@ -68,6 +73,7 @@ class Gains(NamedTuple):
     effort_limit: Array
     verdict: Verdict
     reason: str
+    proved: Fact | None = None
 
 
 def local_gains(
@@ -152,13 +158,16 @@ def suggest_gains(
         samples = sample_region(model, lower, upper, law.q_free_d)
         worst = int(np.argmax(samples.norm))
         slope = SlopeBound(float(samples.norm[worst]), float(samples.norm[worst]), samples.q[worst], 0)
-        whole, grip = True, np.inf
+        whole, grip, proved, refused = True, np.inf, None, ""
     else:
         require_about("gains over an atlas", domain, model)
         store = cells_of_atlas(law, domain)
         slope, whole = gravity_slope_over(store), store.whole
-        grip = min(cell.well.effort for cell in store.cells if cell.live and cell.well is not None)
+        proved, refused = _proved(law, store, domain, slope.cells)
+        grip = np.inf if proved is None else float(proved.found["effort"][0])
         lower, upper = domain.lower.min(axis=0), domain.upper.max(axis=0)
+    if proved is not None:
+        slope = slope._replace(bound=float(proved.found["beta"][0]))
     beta = slope.bound
     if not beta > 1e-12:
         raise InvalidInputError("gravity has no slope on the domain (β = 0): any positive K_p satisfies Theorem 3")
@@ -172,7 +181,7 @@ def suggest_gains(
     effort = _leverage(law) @ asked if np.isinf(grip) else np.full(model.n_actuated, _norm_over(asked, grip))
     effort_limit = np.abs(motors.limits).min(axis=1)
     rigorous = isinstance(domain, Atlas)
-    limits = [_what_limits(slope, rigorous)] if whole else [_what_limits(slope, rigorous), _TORN]
+    limits = [_what_limits(slope, rigorous), *([] if whole else [_TORN]), *([refused] if refused else [])]
     gains = Gains(
         K_p=stiffness,
         K_v=damper,
@@ -182,13 +191,23 @@ def suggest_gains(
         frequencies=frequencies,
         effort=effort,
         effort_limit=effort_limit,
-        verdict="proven" if rigorous and whole else "undecided",
+        verdict="proven" if proved is not None and whole else "undecided",
         reason="; ".join(limits),
+        proved=proved,
     )
     beyond = _what_is_too_much(model, gains, fastest)
     if beyond:
         raise UnattainableGainsError(f"K_p = {stiffness[0, 0]:.4g} I {beyond}: {gains.reason}", gains)
     return gains
+
+
+def _proved(law: PDSimpleGravity, store: CellStore, atlas: Atlas, cells: tuple[int, ...]) -> tuple[Fact | None, str]:
+    """The fact about an atlas's cells by those that were proved for it, or why there is none."""
+    over = aligned(atlas.lower, atlas.upper)
+    try:
+        return proved_of_cells(SlopeBounded, SetPointEquations.of(law, store.reading), store, cells, *over), ""
+    except NotProvedError as error:
+        return None, f"that was found, and did not hold when it was to be proved: {error}"
 
 
 def _leverage(law: PDSimpleGravity) -> Array:
@@ -232,12 +251,16 @@ def _what_is_too_much(model: ReducedModel, gains: Gains, fastest: float) -> str:
 
 
 class SlopeBound(NamedTuple):
-    """The largest ‖∂g/∂q‖₂ at the centres of cells, a bound over them, where it is largest, and cells proved for it."""
+    """The largest ‖∂g/∂q‖₂ at the centres of cells, a bound over them, and where it is largest.
+
+    Also how many cells were proved for it, and which (by number) it is over.
+    """
 
     seen: float
     bound: float
     at: Array
     proved: int
+    cells: tuple[int, ...] = ()
 
 
 def gravity_slope_over(store: CellStore, cells: int = _CELLS) -> SlopeBound:
@@ -256,4 +279,5 @@ def gravity_slope_over(store: CellStore, cells: int = _CELLS) -> SlopeBound:
         heapq.heappop(heap)
         for child in children:
             heapq.heappush(heap, (-store.well(child).beta, child))
-    return SlopeBound(seen, bound, 0.5 * (store[number].lower + store[number].upper), store.proved)
+    over = tuple(sorted(k for _, k in heap))
+    return SlopeBound(seen, bound, 0.5 * (store[number].lower + store[number].upper), store.proved, over)

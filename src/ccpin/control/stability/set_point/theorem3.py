@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, listener, vector, whole
 from ccpin.control.laws import PDSimpleGravity, kind_of, least_eigenvalue
+from ccpin.control.stability.set_point.cell_facts import proved_of_cells
 from ccpin.control.stability.set_point.certified_cells import holding
 from ccpin.control.stability.set_point.flood import Flood, Flooded, FloodLimits, Limit
 from ccpin.control.stability.set_point.set_point_equations import SetPointEquations
 from ccpin.control.stability.set_point.starting_cells import cells_around, cells_of_atlas
 from ccpin.control.stability.set_point.sublevel_claim import SublevelProved
-from ccpin.control.stability.set_point.sublevel_proof import proved_sublevel
 from ccpin.control.stability.set_point.well import Well, checked_region, sample_region
 from ccpin.covering.region import Corners
 from ccpin.domain.atlas.atlas import Atlas
@@ -318,7 +318,9 @@ def certify_law(
         level_domain, proved, sublevel, limit = found.level, store.proved, None, found.limit
         if found.level > 0.0:
             try:
-                sublevel = proved_sublevel(SetPointEquations.of(law, store.reading), store, found.members)
+                sublevel = proved_of_cells(
+                    SublevelProved, SetPointEquations.of(law, store.reading), store, found.members
+                )
             except NotProvedError:
                 limit = "refused"
         if found.limit in ("gain", "depth"):
