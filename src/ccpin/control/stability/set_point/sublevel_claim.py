@@ -11,8 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product
-from types import MappingProxyType
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -53,10 +52,9 @@ class SublevelProved(ProvableClaim):
     """
 
     equations: SetPointEquations
-    lower: Array
-    upper: Array
+    lower: Annotated[Array, Form("KP")]
+    upper: Annotated[Array, Form("KP")]
     theorem = "set_point"
-    forms = MappingProxyType({"lower": Form("KP"), "upper": Form("KP")})
 
     def subjects(self, *premises: Fact) -> tuple[str, ...]:
         """The closures: what is known of boxes is about them alone."""
