@@ -293,7 +293,7 @@ def test_an_atlas_merged_over_a_full_turn_has_a_radius(tmp_path):
 
 def test_what_is_not_cut_deep_enough_is_not_decided(case, monkeypatch):
     """Boxes, whose claims are true, are neither proved nor called false where they are not cut at all."""
-    monkeypatch.setattr("ccpin.auditing.audit._CUTS", 0)
+    monkeypatch.setattr("ccpin.auditing.looking._CUTS", 0)
     monkeypatch.setattr(boxes, "holds", lambda *arguments, **options: False)
     found = verify(case[2], sample=2)
     assert found.claims[0].undecided

@@ -41,7 +41,7 @@ _MORE = "more pieces=, a higher order= or precision= may do more"
 
 
 class Certificate(Protocol):
-    """What a certified set point says, as `ccpin.control.stability.set_point.set_point_certificate.SetPointCertificate` does."""
+    """What a certified set point says, as a `SetPointCertificate` of `ccpin.control.stability.set_point` does."""
 
     @property
     def law(self) -> PDSimpleGravity:
