@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control.laws import NoTorque
+from ccpin.control.control_law import NoTorque
 from ccpin.errors import DifferentSubjectsError, UnsupportedMechanismError
 from tests.support.ball_joint import ball_joint
 from tests.support.linkages import rssr

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, numbers
-from ccpin.control.laws import ControlLaw, idle
+from ccpin.control.control_law import ControlLaw, idle
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.assumptions import without_dry_friction

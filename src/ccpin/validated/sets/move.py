@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import positive
-from ccpin.control.laws import PDSimpleGravity, kind_of
+from ccpin.control.control_law import kind_of
+from ccpin.control.laws import PDSimpleGravity
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.assumptions import limits_left_out, without_dry_friction

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import numbers, positive, step_or_infinite, whole
-from ccpin.control.laws import ControlLaw
+from ccpin.control.control_law import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.coordinates import checked_q

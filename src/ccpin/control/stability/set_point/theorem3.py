@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import listener, whole
-from ccpin.control.laws import PDSimpleGravity, kind_of, least_eigenvalue
+from ccpin.control.control_law import kind_of
+from ccpin.control.laws import PDSimpleGravity, least_eigenvalue
 from ccpin.control.stability.set_point.flood import Flood, Flooded, FloodLimits
 from ccpin.control.stability.set_point.set_point_certificate import MemberCells, SampledRegion, SetPointCertificate
 from ccpin.control.stability.set_point.set_point_equations import SetPointEquations

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
 
 from ccpin.arrays import Array
-from ccpin.control.laws import kind_of
+from ccpin.control.control_law import kind_of
 from ccpin.control.stability.tracking.motion_bounds import Motion
 from ccpin.control.stability.tracking.reference_tube import CellForms
 from ccpin.control.stability.tracking.storage import StorageChoice, gain, storage_of, widths
