@@ -1,6 +1,7 @@
 """What an audit says: of what was found, what holds; which claims there are; and that all boxes are reached."""
 
 import json
+from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,6 +27,11 @@ from ccpin.auditing.findings import Audit, Claim
 from ccpin.auditing.reading import ClaimedDocument, Curves, Faces, StatedRanges
 
 MAX = np.finfo(float).max
+
+
+def blank(kind):
+    """The fields of a document without anything in them."""
+    return dict.fromkeys(field.name for field in fields(kind))
 
 
 def said(*claims):
@@ -225,8 +231,8 @@ def test_claims_are_chosen_apart_and_those_without_any_are_left_out(monkeypatch)
     kinds = {"box": [1], "glue": [], "apart": [], "empty": [1, 2], "demand": []}
     monkeypatch.setattr(looking, "_of_cells", lambda document: kinds)
     monkeypatch.setattr(looking, "_of_curves", lambda document: {"tube": []})
-    fields = dict.fromkeys(ClaimedDocument._fields) | {"header": {"theorem": "", "fingerprint": ""}}
-    tubes = dict.fromkeys(Curves._fields) | {"header": fields["header"], "ranges": 1}
+    fields = blank(ClaimedDocument) | {"header": {"theorem": "", "fingerprint": ""}}
+    tubes = blank(Curves) | {"header": fields["header"], "ranges": 1}
     for document, expected in (
         (ClaimedDocument(**fields), ["box", "glue", "empty"]),
         (ClaimedDocument(**fields | {"seed": np.zeros(1)}), ["box", "glue", "reached", "empty"]),
@@ -286,7 +292,7 @@ def in_words(**more):
         "dependent": np.array([1, 2, 3]),
         **more,
     }
-    return ClaimedDocument(**(dict.fromkeys(ClaimedDocument._fields) | fields))
+    return ClaimedDocument(**(blank(ClaimedDocument) | fields))
 
 
 def test_what_is_claimed_in_words():
@@ -310,7 +316,7 @@ def test_what_is_claimed_in_words():
 def test_what_is_not_looked_at_in_words(monkeypatch):
     monkeypatch.setattr(wording, "BallClosures", lambda document: None)
     monkeypatch.setattr(wording, "listed_share", lambda closures, document: 0.125)
-    document = Curves(**dict.fromkeys(Curves._fields) | {"uncovered_lower": np.zeros((4, 2))})
+    document = Curves(**blank(Curves) | {"uncovered_lower": np.zeros((4, 2))})
     assert "the 4 boxes hold that the document leaves uncovered (12.5 % at most" in wording.besides(document)
 
 
