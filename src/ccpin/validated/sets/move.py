@@ -24,7 +24,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.mechanism.assumptions import limits_left_out, without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.digests import digest, require_same
-from ccpin.proof.verdict import Verdict, Witness
+from ccpin.proof.verdict import Judged, Verdict, Witness
 from ccpin.validated.arithmetic.balls import Ball, flint, lower, upper
 from ccpin.validated.flow.crossing import witness_of
 from ccpin.validated.flow.enclosure import Enclosure, collect
@@ -57,8 +57,8 @@ class Certificate(Protocol):
         """Whether it is proven."""
 
 
-@dataclass(frozen=True, eq=False)
-class MoveCertificate:
+@dataclass(frozen=True, eq=False, repr=False)
+class MoveCertificate(Judged):
     """What was proven of a move.
 
     Attributes:
@@ -89,9 +89,6 @@ class MoveCertificate:
     enclosure: Enclosure
     tubes: tuple[Tube, ...] = ()
     assumes: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        return f"MoveCertificate({self.verdict}: {self.reason})"
 
 
 def certify_move(

@@ -23,7 +23,7 @@ from ccpin.kinematics.coordinates import checked_q
 from ccpin.mechanism.assumptions import limits_left_out, mass_assumed, rubbing, without_dry_friction
 from ccpin.proof.facts import Fact
 from ccpin.proof.newton import Boxes, predict
-from ccpin.proof.verdict import Verdict
+from ccpin.proof.verdict import Judged, Verdict
 
 _LIMITS = {
     "domain": "the edge of the domain",
@@ -44,8 +44,8 @@ _FAILED = {
 _CLEAR = 1e-9  # of the gain: refuted by more than rounding
 
 
-@dataclass(frozen=True, eq=False)
-class SetPointCertificate:
+@dataclass(frozen=True, eq=False, repr=False)
+class SetPointCertificate(Judged):
     """What Theorem 3 says of a set point.
 
     Attributes:
@@ -82,9 +82,6 @@ class SetPointCertificate:
     touch: Array
     proved: int
     _region: MemberCells | SampledRegion | None = field(repr=False)
-
-    def __repr__(self) -> str:
-        return f"SetPointCertificate({self.verdict}: {self.reason})"
 
     @property
     def verdict(self) -> Verdict:
