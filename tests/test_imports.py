@@ -15,7 +15,9 @@ import ccpin
 from tests.support.imports import MODULES, ORDER, SOURCE, graph, imported, room
 
 ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one tuple do not import each other
-    "control": ("references", "statements", "laws", ("sampling", "servos", "tracking"), "stability", "online"),
+    "control": (
+        *("references", "statements", "control_law", "laws", ("sampling", "servos", "tracking"), "stability", "online"),
+    ),
     "control.stability": (("set_point", "tracking"),),
     "simulation": ("events", "plant", "results", "integration", "studies"),
     "description": (

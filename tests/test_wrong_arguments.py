@@ -9,7 +9,7 @@ import pytest
 
 import ccpin
 from ccpin import control, description, domain, dynamics, mechanism, plotting, simulation, validated, visualization
-from ccpin.control.laws import NoTorque
+from ccpin.control.control_law import NoTorque
 from ccpin.control.online import capped_sigma
 from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.control.stability.set_point.well import sample_region

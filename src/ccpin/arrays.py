@@ -110,7 +110,7 @@ def _immutable(value: Any) -> Any:
 
 
 _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
-_FEW = 1500
+_FEW = 1500  # entries: of arrays of that size both ways to form a cross product take about as long
 
 
 def rows_of(record: Columns, rows: Indices | Mask | slice) -> Columns:

@@ -19,7 +19,7 @@ from ccpin.containers import ArrayOutline, NamedArrays
 from ccpin.errors import InvalidInputError
 
 Sizes = dict[str, int]
-_COUNTS = 2**53
+_COUNTS = 2**53  # whole numbers below it are doubles: a JSON reader of any language has them exactly
 _DTYPES = {"f": "float64", "i": "int64", "s": "int8", "b": "bool"}
 
 

@@ -3,6 +3,7 @@
 import ast
 import json
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -197,7 +198,7 @@ def test_npz_and_json_say_the_same(case, tmp_path):
     atlas.save(tmp_path / "a.npz")
     one, two = reading.read(path), reading.read(tmp_path / "a.npz")
     assert one.faces is None is two.faces
-    names = reading.ClaimedDocument._fields
+    names = [field.name for field in fields(reading.ClaimedDocument)]
     plain = [*names[2 : names.index("faces")], "place", "size"]
     for a, b in zip(*([*(getattr(d, n) for n in plain), *d.empty, *d.singular] for d in (one, two)), strict=True):
         np.testing.assert_array_equal(a, b)
@@ -293,7 +294,7 @@ def test_an_atlas_merged_over_a_full_turn_has_a_radius(tmp_path):
 
 def test_what_is_not_cut_deep_enough_is_not_decided(case, monkeypatch):
     """Boxes, whose claims are true, are neither proved nor called false where they are not cut at all."""
-    monkeypatch.setattr("ccpin.auditing.audit._CUTS", 0)
+    monkeypatch.setattr("ccpin.auditing.looking._CUTS", 0)
     monkeypatch.setattr(boxes, "holds", lambda *arguments, **options: False)
     found = verify(case[2], sample=2)
     assert found.claims[0].undecided

@@ -11,7 +11,7 @@ from ccpin.errors import InvalidInputError
 pytest.importorskip("flint")
 
 from ccpin.auditing import closures, counts, empty_cells, gluing, reading, verify
-from ccpin.auditing.audit import _faces as audit_faces
+from ccpin.auditing.looking import _faces as audit_faces
 from tests.support.altered import changed, without_members
 from tests.support.legs import WHOLE, load_slice
 

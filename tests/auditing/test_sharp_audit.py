@@ -1,6 +1,7 @@
 """What an audit says: of what was found, what holds; which claims there are; and that all boxes are reached."""
 
 import json
+from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,21 +15,23 @@ pytest.importorskip("flint")
 
 from ccpin.auditing import (
     audit,
-    boxes,
     container,
-    counts,
-    exclusion,
+    findings,
     gluing,
-    singular_curves,
-    singular_points,
+    looking,
     verify,
     wording,
-    workspace,
 )
-from ccpin.auditing.audit import Audit, AuditProgress, Claim
+from ccpin.auditing.audit import AuditProgress
+from ccpin.auditing.findings import Audit, Claim
 from ccpin.auditing.reading import ClaimedDocument, Curves, Faces, StatedRanges
 
 MAX = np.finfo(float).max
+
+
+def blank(kind):
+    """The fields of a document without anything in them."""
+    return dict.fromkeys(field.name for field in fields(kind))
 
 
 def said(*claims):
@@ -65,7 +68,7 @@ def test_an_audit_in_words():
 
 
 def found_of(kind, *answers):
-    found = audit._Outcomes({kind: list(range(99)), "glue": []})
+    found = findings.Outcomes({kind: list(range(99)), "glue": []})
     for k, (good, seen) in enumerate(answers):
         found.add(kind, (k,), good, seen)
     return found
@@ -90,28 +93,28 @@ def test_eight_that_are_not_proved_are_enough(kind, undecided):
 
 def test_claims_of_curves(monkeypatch):
     """Each tube goes on in the next of its curve; of closed ones the last in the first."""
-    monkeypatch.setattr(exclusion, "parts", lambda closures, document: range(5))
-    monkeypatch.setattr("ccpin.auditing.closures.BallClosures", lambda document: None)
+    monkeypatch.setattr(looking, "parts", lambda closures, document: range(5))
+    monkeypatch.setattr("ccpin.auditing.looking.BallClosures", lambda document: None)
     document = SimpleNamespace(
         sizes=np.array([3, 1, 2, 1]), closed=np.array([True, False, False, True]), tubes=range(7)
     )
-    kinds = audit._of_curves(document)
+    kinds = looking._of_curves(document)
     assert kinds["joint"] == [(0, 1), (1, 2), (2, 0), (4, 5), (6, 6)]
     assert kinds["tube"] == kinds["once"] == list(range(7))
     assert kinds["cover"] == list(range(5))
     document.sizes, document.closed, document.tubes = np.array([2]), np.array([False]), range(2)
-    assert audit._of_curves(document)["once"] == []
+    assert looking._of_curves(document)["once"] == []
     document.sizes, document.closed = np.array([1, 1]), np.array([False, False])
-    assert audit._of_curves(document)["once"] == [0, 1]
+    assert looking._of_curves(document)["once"] == [0, 1]
 
 
 def test_faces_are_all_but_those_unglued_or_those_that_are_said(monkeypatch):
     every = [gluing.SharedFace(a, b, None, None) for a, b in ((0, 1), (2, 1), (2, 3))]
-    monkeypatch.setattr(gluing, "contacts", lambda document: iter(every))
+    monkeypatch.setattr(looking, "contacts", lambda document: iter(every))
     document = SimpleNamespace(faces=None, unglued=np.array([[1, 2], [5, 6]]))
-    assert audit._faces(document) == [every[0], every[2]]
+    assert looking._faces(document) == [every[0], every[2]]
     document.faces = Faces(np.array([4]), np.array([6]), np.array([[7.0, 1.0]]), np.array([[1.0, 1.0]]))
-    (face,) = audit._faces(document)
+    (face,) = looking._faces(document)
     assert (face.first, face.second, face.middle.tolist(), face.turn.tolist()) == (4, 6, [7.0, 1.0], [6.0, 0.0])
 
 
@@ -131,12 +134,8 @@ def test_every_kind_is_looked_at_by_what_proves_it(monkeypatch):
     def answer(name):
         return lambda *args: told[name]
 
-    for module, name in (
-        (boxes, "proved"), (counts, "counted"),
-        (singular_curves, "goes_on"), (singular_curves, "listed_once"), (singular_curves, "one_curve"),
-        (workspace, "met"), (gluing, "same_solution"), (singular_points, "singular"),
-    ):  # fmt: skip
-        monkeypatch.setattr(module, name, answer(name))
+    for name in ("proved", "counted", "goes_on", "listed_once", "one_curve", "met", "same_solution", "singular"):
+        monkeypatch.setattr(looking, name, answer(name))
     cells = SimpleNamespace(proved=answer("cells"), searched=True)
     numbers = SimpleNamespace(number=np.array([7, 8, 9]))
     document = SimpleNamespace(empty=numbers, singular=numbers, counts=SimpleNamespace(cells=numbers))
@@ -149,7 +148,7 @@ def test_every_kind_is_looked_at_by_what_proves_it(monkeypatch):
         cells.searched = searched
         for good in (True, False, None):
             told.update(dict.fromkeys([name for name, _, _ in of.values()], good))
-            looks = audit._looks(audit._OpenDocument(document, None, cells))
+            looks = looking._looks(looking._OpenDocument(document, None, cells))
             assert {*looks} == {*of, "apart"}
             for kind, (_, what, which) in of.items():
                 seen = {"count": searched, "empty": searched or good is not None}.get(kind, True)
@@ -160,16 +159,16 @@ def test_every_kind_is_looked_at_by_what_proves_it(monkeypatch):
 @pytest.fixture
 def held(monkeypatch):
     """Four boxes, of which the first holds the seed; where a solution near it is found."""
-    monkeypatch.setattr("ccpin.auditing.closures.BallClosures", lambda document: None)
+    monkeypatch.setattr("ccpin.auditing.looking.BallClosures", lambda document: None)
     at = SimpleNamespace(found=(np.array([1.0, 2.0]), 1e-12), tubes={0})
-    monkeypatch.setattr(gluing, "near", lambda closures, dependent, theta: at.found)
-    monkeypatch.setattr(gluing, "in_tube", lambda document, k, theta, radius, turn: k in at.tubes or None)
+    monkeypatch.setattr(looking, "near", lambda closures, dependent, theta: at.found)
+    monkeypatch.setattr(looking, "in_tube", lambda document, k, theta, radius, turn: k in at.tubes or None)
     at.document = SimpleNamespace(centre=np.zeros((4, 2)), independent=np.array([0]), dependent=np.array([1]))
     return at
 
 
 def reached(held, pairs, seed=(1.0, 2.0)):
-    claim = audit._reached(held.document, np.array(seed), pairs)
+    claim = looking.reached(held.document, np.array(seed), pairs)
     assert (claim.of, claim.checked) == (4, 4)
     return [k for (k,) in claim.failed], [k for (k,) in claim.undecided]
 
@@ -224,16 +223,16 @@ def test_claims_are_chosen_apart_and_those_without_any_are_left_out(monkeypatch)
     """Kinds that are always told, kinds that there are; of sheets no seed; ranges where they are stated."""
     chosen = []
     monkeypatch.setattr(audit, "_chosen", lambda count, sample, seed: chosen.append((count, seed)) or range(count))
-    monkeypatch.setattr(audit, "_results", lambda *_: [])
-    monkeypatch.setattr(audit, "_reached", lambda document, seed, pairs: "reached")
-    monkeypatch.setattr(audit, "_ranged", lambda document: "ranged")
+    monkeypatch.setattr(looking, "results", lambda *_: [])
+    monkeypatch.setattr(looking, "reached", lambda document, seed, pairs: "reached")
+    monkeypatch.setattr(looking, "ranged", lambda document: "ranged")
     monkeypatch.setattr(wording, "claimed", lambda document: "")
     monkeypatch.setattr(wording, "besides", lambda document: "")
     kinds = {"box": [1], "glue": [], "apart": [], "empty": [1, 2], "demand": []}
-    monkeypatch.setattr(audit, "_of_cells", lambda document: kinds)
-    monkeypatch.setattr(audit, "_of_curves", lambda document: {"tube": []})
-    fields = dict.fromkeys(ClaimedDocument._fields) | {"header": {"theorem": "", "fingerprint": ""}}
-    tubes = dict.fromkeys(Curves._fields) | {"header": fields["header"], "ranges": 1}
+    monkeypatch.setattr(looking, "_of_cells", lambda document: kinds)
+    monkeypatch.setattr(looking, "_of_curves", lambda document: {"tube": []})
+    fields = blank(ClaimedDocument) | {"header": {"theorem": "", "fingerprint": ""}}
+    tubes = blank(Curves) | {"header": fields["header"], "ranges": 1}
     for document, expected in (
         (ClaimedDocument(**fields), ["box", "glue", "empty"]),
         (ClaimedDocument(**fields | {"seed": np.zeros(1)}), ["box", "glue", "reached", "empty"]),
@@ -243,7 +242,7 @@ def test_claims_are_chosen_apart_and_those_without_any_are_left_out(monkeypatch)
         monkeypatch.setattr(audit, "read", lambda path, document=document: document)
         chosen.clear()
         told = verify("", seed=40).claims
-        words = {word: kind for kind, word in audit._WORDS.items()}
+        words = {word: kind for kind, word in findings._WORDS.items()}
         assert [claim if isinstance(claim, str) else words[claim.what] for claim in told] == expected
         sizes = [0] if isinstance(document, Curves) else [1, 0, 0, 2, 0]
         assert chosen == [(size, 40 + k) for k, size in enumerate(sizes)]
@@ -251,12 +250,12 @@ def test_claims_are_chosen_apart_and_those_without_any_are_left_out(monkeypatch)
 
 def test_work_is_shared_and_ends_where_there_is_enough(monkeypatch):
     """Alone, and by processes: all tasks, in their order; of a kind that there is enough of nothing is asked."""
-    monkeypatch.setattr(audit._OpenDocument, "of", staticmethod(lambda document: document))
-    monkeypatch.setattr(audit, "_checked", lambda held, tasks: [(kind, (what,), held, True) for kind, what in tasks])
-    found = audit._Outcomes({"box": [], "glue": []})
+    monkeypatch.setattr(looking._OpenDocument, "of", staticmethod(lambda document: document))
+    monkeypatch.setattr(looking, "_checked", lambda held, tasks: [(kind, (what,), held, True) for kind, what in tasks])
+    found = findings.Outcomes({"box": [], "glue": []})
     found._open["glue"] = 8 * [((0,), False)]
     tasks = [("box", 1), ("glue", 2), ("box", 3)]
-    told = [row for part in audit._results("held", tasks, 1, found) for row in part]
+    told = [row for part in looking.results("held", tasks, 1, found) for row in part]
     assert told == [("box", (1,), "held", True), ("glue", (), None, False), ("box", (3,), "held", True)]
 
     class Pool:
@@ -267,14 +266,14 @@ def test_work_is_shared_and_ends_where_there_is_enough(monkeypatch):
             return self
 
         def __exit__(self, *_):
-            audit._held.clear()
+            looking._held.clear()
 
         def map(self, of, parts):
             return map(of, parts)
 
-    monkeypatch.setattr(audit, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(looking, "ProcessPoolExecutor", Pool)
     tasks = [("box", k) for k in range(40)]
-    parts = list(audit._results("held", tasks, 2, found))
+    parts = list(looking.results("held", tasks, 2, found))
     assert [len(part) for part in parts] == [16, 16, 8]
     assert [row for part in parts for row in part] == [("box", (k,), "held", True) for k in range(40)]
 
@@ -293,7 +292,7 @@ def in_words(**more):
         "dependent": np.array([1, 2, 3]),
         **more,
     }
-    return ClaimedDocument(**(dict.fromkeys(ClaimedDocument._fields) | fields))
+    return ClaimedDocument(**(blank(ClaimedDocument) | fields))
 
 
 def test_what_is_claimed_in_words():
@@ -317,7 +316,7 @@ def test_what_is_claimed_in_words():
 def test_what_is_not_looked_at_in_words(monkeypatch):
     monkeypatch.setattr(wording, "BallClosures", lambda document: None)
     monkeypatch.setattr(wording, "listed_share", lambda closures, document: 0.125)
-    document = Curves(**dict.fromkeys(Curves._fields) | {"uncovered_lower": np.zeros((4, 2))})
+    document = Curves(**blank(Curves) | {"uncovered_lower": np.zeros((4, 2))})
     assert "the 4 boxes hold that the document leaves uncovered (12.5 % at most" in wording.besides(document)
 
 

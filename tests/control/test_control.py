@@ -5,7 +5,7 @@ import pytest
 
 import ccpin
 from ccpin.control import Measurement, PDFullGravity, PDSimpleGravity
-from ccpin.control.laws import NoTorque
+from ccpin.control.control_law import NoTorque
 from ccpin.description import Part, combine
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
 from tests.support.paper import GOAL, K_P, K_V

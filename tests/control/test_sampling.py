@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 import ccpin
 from ccpin.control import ControlLaw, CoulombCompensation, Measurement, PDSimpleGravity, Sampling, TorqueFunction
-from ccpin.control.laws import NoTorque
+from ccpin.control.control_law import NoTorque
 from ccpin.control.sampling import SampledCommands
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Settling, supervise

@@ -15,7 +15,7 @@ from ccpin.control import (
     TorqueFunction,
     certify_tracking,
 )
-from ccpin.control.laws import Delayed, NoTorque, idle, kind_of, stated
+from ccpin.control.control_law import Delayed, NoTorque, idle, kind_of, stated
 from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 

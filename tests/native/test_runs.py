@@ -7,7 +7,7 @@ import pytest
 
 import ccpin
 from ccpin.control import PDFullGravity, PDSimpleGravity, TorqueFunction
-from ccpin.control.laws import NoTorque
+from ccpin.control.control_law import NoTorque
 from ccpin.control.references import PointToPoint, Waypoints
 from ccpin.control.sampling import SampledCommands, Sampling
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus

@@ -4,7 +4,7 @@ import ast
 import copy
 import pickle
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,7 @@ from ccpin.domain.atlas import cover_claims
 from ccpin.proof.covers import over_region
 from ccpin.proof.demanded import Demanded
 from ccpin.proof.equations import Closures, closures_of
-from ccpin.proof.facts import Fact, NotProvedError, ProvableClaim, Unproved, known, provable, prove, prove_some
+from ccpin.proof.facts import _KINDS, Fact, NotProvedError, ProvableClaim, Unproved, known, provable, prove, prove_some
 from ccpin.proof.paths import follows
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes
 
@@ -151,6 +151,13 @@ def test_only_the_kernel_makes_facts():
             if isinstance(node, ast.Attribute) and node.attr == "__new__" and not inside:
                 assert not any(isinstance(one, ast.Name) and one.id == "Fact" for one in ast.walk(node)), path
     assert registered == STATING
+
+
+def test_every_array_of_a_claim_has_its_form():
+    """What has none would be believed in any shape, and with any numbers."""
+    assert len(_KINDS) > 15
+    for kind in _KINDS:
+        assert [*kind.forms] == [field.name for field in fields(kind)[1:]]
 
 
 # Claims about boxes.

@@ -9,7 +9,7 @@ from ccpin.covering.proposals.platforms import platform_empty
 from ccpin.domain import certify, scalar_coordinates_at
 from ccpin.domain.closures.system import reading_of
 from ccpin.proof.chains import Chain, stack_chains
-from ccpin.proof.emptiness import drift, platform_of
+from ccpin.proof.emptiness import drift, empty_by, ends_over, platform_of
 from ccpin.proof.tips import move
 from tests.oracles import delta as spheres
 from tests.oracles import planar_3rrr as three_legs
@@ -101,3 +101,19 @@ def test_cells_of_an_atlas_are_emptied():
 def test_what_is_no_platform_of_known_legs_is_left_alone(name):
     """Too few legs, or legs whose length is what changes."""
     assert platform_of(system_of(name)) is None
+
+
+@pytest.mark.parametrize("size", [1e150, 1e200, 1e308])
+@pytest.mark.parametrize("name", ["delta", "planar_3rrr"])
+def test_weights_that_overflow_prove_nothing(name, size):
+    """Of either sign, or such that they cancel, beside weights that prove the same cell empty."""
+    system = system_of(name)
+    legs = platform_of(system)
+    centre, half = np.random.default_rng(5).uniform(-np.pi, np.pi, (200, 3)), np.zeros((200, 3))
+    empty, weights = platform_empty(system, legs, centre, half)
+    far = np.flatnonzero(empty)[0]
+    tried = np.tile(weights[far], (4, 1))
+    tried[1], tried[2, :2], tried[3, 0] = size, (size, -size), -size
+    with np.errstate(all="ignore"):
+        found, _ = empty_by(legs, ends_over(system, legs, np.tile(centre[far], (4, 1)), np.zeros((4, 3))), tried)
+    assert found.tolist() == [True, False, False, False]

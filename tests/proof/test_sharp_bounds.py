@@ -19,7 +19,7 @@ from ccpin.proof.reach_bounds import ChainLengths, ReachDrift, chain_reach
 from ccpin.proof.rounding import blur, widened
 from ccpin.proof.taylor import Pattern, Point, taylor_bounds
 from ccpin.proof.tips import by_joint, turns_of
-from tests.support.straight import random_frame
+from tests.support.straight import assert_bounds_are, random_frame
 
 N, M, P = 5, 2, 3  # n′, m and the parameters of a box
 
@@ -155,13 +155,7 @@ def test_reach_bounds_are_the_sums_that_the_theorem_states(rng, size):
     for _ in range(4):
         given = case(rng, size)
         bounds, stated = taylor(*given), Stated(*given)
-        radius, weight = size * rng.uniform(0.1, 1, M), rng.uniform(0.1, 1, M)
-        np.testing.assert_allclose(bounds.y[0], stated.y(), rtol=1e-12)
-        np.testing.assert_allclose(bounds.mean(radius[None]).of(radius[None])[0], stated.mean(radius), rtol=1e-12)
-        found = bounds.contraction(radius[None], weight[None]).of(weight[None])[0]
-        np.testing.assert_allclose(found, stated.contraction(radius, weight), rtol=1e-12)
-        found = bounds.curvature(radius[None], weight[None])[0]
-        np.testing.assert_allclose(found, stated.curvature(radius, weight), rtol=1e-12)
+        assert_bounds_are(bounds, stated, size * rng.uniform(0.1, 1, M), rng.uniform(0.1, 1, M), 1e-12)
 
 
 def test_reach_is_attained_by_a_stretched_chain():

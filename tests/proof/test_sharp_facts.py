@@ -1,9 +1,8 @@
 """What `prove` asks of a claim before its theorem is asked: forms, ranges, kinds, premises."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType, SimpleNamespace
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 import pytest
@@ -23,12 +22,9 @@ class Numbers(SimpleNamespace):
 class Rows(ProvableClaim):
     """What is said of each of B numbers and of whole numbers; proved where the first is below 4."""
 
-    own: np.ndarray
-    whole: np.ndarray
+    own: Annotated[np.ndarray, Form("Bk", least=1.0, below=5.0)]
+    whole: Annotated[np.ndarray, Form("B", "i", 0)]
     rows, theorem = "B", "rows"
-    forms: ClassVar[Mapping[str, Form]] = MappingProxyType(
-        {"own": Form("Bk", least=1.0, below=5.0), "whole": Form("B", "i", 0)}
-    )
 
     def examined(self, *premises: Fact) -> Examined:
         """Row by row."""
@@ -39,19 +35,17 @@ class Rows(ProvableClaim):
 class Beside(ProvableClaim):
     """Rows that speak of N numbers too."""
 
-    own: np.ndarray
-    common: np.ndarray
+    own: Annotated[np.ndarray, Form("Bk")]
+    common: Annotated[np.ndarray, Form("N", above=1.0)]
     rows = "B"
-    forms: ClassVar[Mapping[str, Form]] = MappingProxyType({"own": Form("Bk"), "common": Form("N", above=1.0)})
 
 
 @dataclass(frozen=True, eq=False)
 class Whole(ProvableClaim):
     """One claim about all of its numbers, which are to be below 4."""
 
-    own: np.ndarray
+    own: Annotated[np.ndarray, Form("B")]
     theorem = "whole"
-    forms: ClassVar[Mapping[str, Form]] = MappingProxyType({"own": Form("B")})
 
     def examined(self, *premises: Fact) -> Examined:
         """All at once."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ccpin.proof.phasors import Phasors, PhasorValues, _one_signed, _versine, planar_bounds
-from tests.support.straight import random_frame
+from tests.support.straight import assert_bounds_are, random_frame
 
 N, M, P, K = 4, 2, 2, 3
 
@@ -79,14 +79,7 @@ def test_planar_bounds_are_the_sums_that_the_theorem_states(size):
     for _ in range(8):
         given = case(rng, size)
         bounds, stated = planar_bounds(*given), Stated(*given)
-        radius, weight = size * rng.uniform(0.1, 1, M), rng.uniform(0.1, 1, M)
-        np.testing.assert_allclose(bounds.y[0], stated.y(), rtol=1e-11)
-        np.testing.assert_allclose(bounds.mean(radius[None]).of(radius[None])[0], stated.mean(radius), rtol=1e-11)
-        found = bounds.contraction(radius[None], weight[None]).of(weight[None])[0]
-        np.testing.assert_allclose(found, stated.contraction(radius, weight), rtol=1e-11)
-        np.testing.assert_allclose(
-            bounds.curvature(radius[None], weight[None])[0], stated.curvature(radius, weight), rtol=1e-11
-        )
+        assert_bounds_are(bounds, stated, size * rng.uniform(0.1, 1, M), rng.uniform(0.1, 1, M), 1e-11)
 
 
 def test_what_bounds_a_versine_and_a_sum_of_one_sign():

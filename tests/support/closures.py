@@ -3,10 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import qr
 
 import ccpin
 from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link
 from ccpin.domain.closures.system import reading_of
+from ccpin.proof.equations import closure_values, problem_of
 
 PLANAR = ("rpdr", "four_bar", "slider_crank", "planar_3rrr")
 SPATIAL = ("delta", "stewart", "hexa")
@@ -61,3 +63,14 @@ def closed_problem(name, bounds):
     mechanism = ccpin.load(name)
     reading = reading_of(mechanism, mechanism.q_reference)
     return reading.bounded(bounds).problem, reading.theta(mechanism.q_reference)
+
+
+def open_problem(arms, kind):
+    """The closures of two arms and open θ (n′,), with the best conditioned choice of dependent coordinates there."""
+    mechanism = two_arms(arms, kind)
+    system = reading_of(mechanism, mechanism.q_reference).system
+    theta = np.random.default_rng(8).uniform(-0.8, 0.8, mechanism.n_free)
+    jacobian = closure_values(problem_of(system, "reach"), theta[None])[1][0]
+    order = qr(jacobian, pivoting=True)[2]  # that choice comes first
+    system = replace(system, dependent=np.sort(order[: system.m]), independent=np.sort(order[system.m :]))
+    return problem_of(system, "reach"), theta

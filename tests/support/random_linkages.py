@@ -270,19 +270,24 @@ def two_loops(rng):
     return Case(made, region, counts)
 
 
+def _five_bar(rng, name, sizes, gear, **held):
+    """Arms a₁, a₃ from the origin and a₂, a₄ from c, a gear between two of their joints, the first elbow held so."""
+    a1, a2, a3, a4, c = sizes
+    joints = [
+        joint("revolute", "one", "base"),
+        joint("revolute", "two", "base", c, **spring(rng)),
+        joint("revolute", "three", "one_body", a1, **held),
+        joint("revolute", "four", "two_body", a2, **spring(rng)),
+    ]
+    return linkage(name, joints, [pin("three", "four", a3, closure(rng), end=a4)], (gear,), ["one"])
+
+
 def geared_five_bar(rng):
     """A five-bar whose second arm is geared to the first, over some turns."""
     a1, a2, a3, a4, c = lengths(rng, 5)
     gear, offset = ratio(rng), rng.uniform(-1.0, 1.0)
     region = box(interval(rng, -9.0, 9.0, 8.0 / max(1.0, abs(gear) / 4.0)))
-    joints = [
-        joint("revolute", "one", "base"),
-        joint("revolute", "two", "base", c, **spring(rng)),
-        joint("revolute", "three", "one_body", a1),
-        joint("revolute", "four", "two_body", a2, **spring(rng)),
-    ]
-    gears = (geared("two", "one", gear, offset),)
-    made = linkage("geared five-bar", joints, [pin("three", "four", a3, closure(rng), end=a4)], gears, ["one"])
+    made = _five_bar(rng, "geared five-bar", (a1, a2, a3, a4, c), geared("two", "one", gear, offset))
 
     def counts(q):
         gap = c + a2 * np.exp(1j * (gear * q[:, 0] + offset)) - a1 * np.exp(1j * q[:, 0])
@@ -298,14 +303,7 @@ def geared_elbows(rng):
     gear, offset = float(np.clip(ratio(rng), -6.0, 6.0)), rng.uniform(-1.0, 1.0)
     region = box(interval(rng, -3.0, 3.0, 2.0))
     held = range_of(rng.uniform(-2.0, 2.0), rng.uniform(1.0, 4.0))
-    joints = [
-        joint("revolute", "one", "base"),
-        joint("revolute", "two", "base", c, **spring(rng)),
-        joint("revolute", "three", "one_body", a1, **held),
-        joint("revolute", "four", "two_body", a2, **spring(rng)),
-    ]
-    gears = (geared("four", "three", gear, offset),)
-    made = linkage("geared elbows", joints, [pin("three", "four", a3, closure(rng), end=a4)], gears, ["one"])
+    made = _five_bar(rng, "geared elbows", (a1, a2, a3, a4, c), geared("four", "three", gear, offset), **held)
 
     def counts(q):
         found = []

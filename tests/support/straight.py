@@ -110,3 +110,15 @@ def random_frame(rng, unknowns, parameters, m, size):
         size * rng.uniform(0.5, 1, (1, parameters)),
         np.array([0.01]),
     )
+
+
+def assert_bounds_are(bounds, stated, radius, weight, rtol):
+    """That Y, Z̄R, Z(R)w and the curvature of a box are what a theorem states, at R and w (m,)."""
+    R, w = radius[None], weight[None]
+    for found, expected in (
+        (bounds.y, stated.y()),
+        (bounds.mean(R).of(R), stated.mean(radius)),
+        (bounds.contraction(R, w).of(w), stated.contraction(radius, weight)),
+        (bounds.curvature(R, w), stated.curvature(radius, weight)),
+    ):
+        np.testing.assert_allclose(found[0], expected, rtol=rtol)

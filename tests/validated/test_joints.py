@@ -10,7 +10,7 @@ import pytest
 
 import ccpin
 from ccpin.control import Measurement
-from ccpin.control.laws import NoTorque
+from ccpin.control.control_law import NoTorque
 from ccpin.description import Joint, Link
 from ccpin.errors import CcpinError, UnsupportedMechanismError
 from tests.support.ball_joint import ball_joint

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from flint import arb, arb_mat
 
-from ccpin.auditing.reading import Array, HasClosures, Integers, SerialChain
+from ccpin.auditing.reading import Array, Integers, SerialChain, StatedClosures
 
 _NEAR = arb(0, 2.0**-50)  # how far the mechanism's axes and rotations may be from the document's (above)
 
@@ -82,7 +82,7 @@ class BallEquations(Protocol):
 class BallClosures:
     """φ of a document."""
 
-    def __init__(self, document: HasClosures) -> None:
+    def __init__(self, document: StatedClosures) -> None:
         self.m, self.n_free = document.couplings.shape
         self.paths = tuple(_path(chain) for chain in document.chains)
         self.couplings, self.offset = exact(document.couplings), exact(document.offset)

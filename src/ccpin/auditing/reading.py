@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,24 +55,27 @@ class SerialChain(NamedTuple):
     weights: Array
 
 
-class HasClosures(Protocol):
-    """What closures are made of: φ(θ) = Σ B x(θ) + Gθ + d, rows of `moduli` modulo these."""
+@dataclass(frozen=True, eq=False)
+class StatedClosures:
+    """Of which closures φ(θ) = Σ B x(θ) + Gθ + d (rows of `moduli` modulo these) a document is, and over which region.
 
-    @property
-    def chains(self) -> tuple[SerialChain, ...]:
-        """Those of the x."""
+    Attributes:
+        header: What the JSON says, the theorem's text and the fingerprint with it.
+        chains, couplings, offset, moduli: x and B; G (m, n′); d (m,); (m,), 0: modulo nothing.
+        independent, dependent, periodic: Indices of q and y in θ; whether θ_j counts modulo 2π.
+        lower, upper: The region.
+    """
 
-    @property
-    def couplings(self) -> Array:
-        """G."""
-
-    @property
-    def offset(self) -> Array:
-        """The d of φ."""
-
-    @property
-    def moduli(self) -> Array:
-        """What rows count modulo; 0: nothing."""
+    header: dict[str, Any]
+    chains: tuple[SerialChain, ...]
+    couplings: Array
+    offset: Array
+    moduli: Array
+    independent: Integers
+    dependent: Integers
+    periodic: NDArray[np.bool_]
+    lower: Array
+    upper: Array
 
 
 class ClaimedCells(NamedTuple):
@@ -140,15 +144,13 @@ class ClaimedRequirements(NamedTuple):
     dexterity: float
 
 
-class ClaimedDocument(NamedTuple):
-    """What a certificate claims, and of which closures φ(θ) = Σ B x(θ) + Gθ + d (rows of `moduli` modulo these).
+@dataclass(frozen=True, eq=False)
+class ClaimedDocument(StatedClosures):
+    """What a certificate claims of boxes and cells.
 
     Attributes:
-        header: What the JSON says, the theorem's text and the fingerprint with it.
-        chains, couplings, offset, moduli: x and B; G (m, n′); d (m,); (m,).
-        independent, dependent, periodic: Indices of q and y in θ; whether θ_j counts modulo 2π.
         centre, half, directions, modes, radius: θ_c, h, D, V and R of Theorem N, by box.
-        lower, upper, wrapped: The region, and which coordinates close on themselves.
+        wrapped: Which coordinates of the region close on themselves.
         seed: θ on the branch, of an atlas; of sheets none.
         unglued: Pairs of boxes of which no gluing is claimed, of an atlas.
         faces: Where gluing is claimed, of sheets; of an atlas everywhere else.
@@ -163,21 +165,11 @@ class ClaimedDocument(NamedTuple):
         demands: What is asked of boxes besides, of a workspace.
     """
 
-    header: dict[str, Any]
-    chains: tuple[SerialChain, ...]
-    couplings: Array
-    offset: Array
-    moduli: Array
-    independent: Integers
-    dependent: Integers
-    periodic: NDArray[np.bool_]
     centre: Array
     half: Array
     directions: Array
     modes: Array
     radius: Array
-    lower: Array
-    upper: Array
     wrapped: NDArray[np.bool_]
     seed: Array | None
     unglued: Integers
@@ -212,28 +204,17 @@ class CurveTube(NamedTuple):
     radius: Array
 
 
-class Curves(NamedTuple):
-    """What a certificate claims of all singular curves over a region, and of which closures (as `ClaimedDocument`).
+@dataclass(frozen=True, eq=False)
+class Curves(StatedClosures):
+    """What a certificate claims of all singular curves over a region.
 
     Attributes:
-        header, chains, couplings, offset, moduli, independent, dependent, periodic: As for a `ClaimedDocument`.
-        lower, upper: The region.
         ranges: What of the dependent coordinates is claimed to be all there is.
         tubes: All tubes.
         sizes, closed: How many of them each curve has, in their order, and whether it closes on itself.
         uncovered_lower, uncovered_upper: Boxes of θ in which nothing is claimed, angles modulo 2π, (K, n′).
     """
 
-    header: dict[str, Any]
-    chains: tuple[SerialChain, ...]
-    couplings: Array
-    offset: Array
-    moduli: Array
-    independent: Integers
-    dependent: Integers
-    periodic: NDArray[np.bool_]
-    lower: Array
-    upper: Array
     ranges: StatedRanges
     tubes: tuple[CurveTube, ...]
     sizes: Integers

@@ -15,7 +15,7 @@ from ccpin.cli.command import INTERRUPTED, add_command, complete, count, nonnega
 from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, each, load, vector
 from ccpin.cli.progress import busy
 from ccpin.control import ControlLaw, PDFullGravity, PDSimpleGravity, local_gains
-from ccpin.control.laws import NoTorque
+from ccpin.control.control_law import NoTorque
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically

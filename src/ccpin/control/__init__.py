@@ -1,13 +1,7 @@
 """Control: set-point and tracking laws, the sampled loop, Theorem 3 as a tool, and tracking with a σ that is off."""
 
-from ccpin.control.laws import (
-    ControlLaw,
-    CoulombCompensation,
-    Measurement,
-    PDFullGravity,
-    PDSimpleGravity,
-    TorqueFunction,
-)
+from ccpin.control.control_law import ControlLaw, Measurement, TorqueFunction
+from ccpin.control.laws import CoulombCompensation, PDFullGravity, PDSimpleGravity
 from ccpin.control.online import OnlineLaw, OnlineSigma
 from ccpin.control.references import Hold, PointToPoint, Reference, Waypoints, through_points
 from ccpin.control.sampling import Sampling

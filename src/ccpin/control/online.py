@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, positive, whole
-from ccpin.control.laws import ControlLaw, Measurement, q_of
+from ccpin.control.control_law import ControlLaw, Measurement, q_of
 from ccpin.control.tracking import TrackingLaw
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import State

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ccpin.arrays import Array, numbers
-from ccpin.control.laws import ControlLaw, Measurement
+from ccpin.control.control_law import ControlLaw, Measurement
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, vector
-from ccpin.control.laws import ControlLaw, Measurement, of_own
+from ccpin.control.control_law import ControlLaw, Measurement, of_own
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import State
 from ccpin.errors import UnsupportedMechanismError

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, vector
-from ccpin.control.laws import ControlLaw, Measurement, ModelLaw
+from ccpin.control.control_law import ControlLaw, Measurement
+from ccpin.control.laws import ModelLaw
 from ccpin.control.references import Reference, ReferenceState, require_commuting
 from ccpin.control.statements import LawKind, Statement, speaks_for
 from ccpin.dynamics.reduced_model import ReducedModel, model_of

@@ -17,7 +17,7 @@ from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes
 from ccpin.proof.rounding import TURN, UNIT_ROUNDOFF
 
-_TURN = 1e-9
+_TURN = 1e-9  # rad: corners given as decimals miss a turn by less; no gap that was left on purpose is so narrow
 _SPARE, _SPARE_ROUNDINGS = 8e-15, Fraction(19, 10)  # of the lemma of `ccpin.proof.rounding`
 
 

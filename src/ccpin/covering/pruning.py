@@ -12,7 +12,7 @@ from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import Ranges
 from ccpin.work import Stopped
 
-_CHUNK = 1000
+_CHUNK = 1000  # boxes a task: what is narrowed in one pass over arrays, and sent to a worker at once
 
 
 def prune_task(problem: Problem, arrays: Arrays) -> Arrays:

@@ -120,5 +120,5 @@ def _declined(*_: object, **__: object) -> None:
     return None
 
 
-_KEPT = 4
+_KEPT = 4  # kernels a mechanism, each of a pull of gravity of its own: those used last
 _MADE: WeakKeyDictionary[Mechanism, OrderedDict[bytes, Kernel | Declining]] = WeakKeyDictionary()

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, heading, instance, matrix_rows, positive, vector
 from ccpin.control.laws import PDSimpleGravity
-from ccpin.control.stability.set_point.theorem3 import SetPointCertificate
+from ccpin.control.stability.set_point.set_point_certificate import SetPointCertificate
 from ccpin.covering.region import Corners, corners_of
 from ccpin.errors import CcpinError, UnsupportedMechanismError
 from ccpin.plotting.style import COLOURS, Figure, coordinate_labels, drawing

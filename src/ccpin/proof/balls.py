@@ -23,9 +23,9 @@ import numpy as np
 from ccpin.arrays import Array, Mask, inverses, solve_many
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 
-_GROWN = 1.0 + 1e-13
+_GROWN = 1.0 + 1e-13  # above (1 + u)^k for k < 900 roundings of sums of nonnegative numbers
 _TINY = 1e-290  # above what underflow loses in any of these sums
-_ROOMIER = 1.0 + 1e-8
+_ROOMIER = 1.0 + 1e-8  # so that a bound that was solved for meets, with SLACK, the inequality that is checked
 
 
 @dataclass(frozen=True, eq=False)

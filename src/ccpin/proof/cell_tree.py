@@ -6,8 +6,7 @@ The leaves tile the region whatever the numbers of the tree are, as corners are 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,20 +64,11 @@ class CellsClaim(ProvableClaim):
         child: The number of its lower half (the upper one's is one more), −1 of leaves, of shape (T,).
     """
 
-    lower: Array
-    upper: Array
-    wrapped: Mask
-    cut: Indices
-    child: Indices
-    forms = MappingProxyType(
-        {
-            "lower": Form("P"),
-            "upper": Form("P"),
-            "wrapped": Form("P", "b"),
-            "cut": Form("T", "i", 0),
-            "child": Form("T", "i", -1),
-        }
-    )
+    lower: Annotated[Array, Form("P")]
+    upper: Annotated[Array, Form("P")]
+    wrapped: Annotated[Mask, Form("P", "b")]
+    cut: Annotated[Indices, Form("T", "i", 0)]
+    child: Annotated[Indices, Form("T", "i", -1)]
 
     @property
     def region(self) -> CellRegion:

@@ -10,7 +10,7 @@ left out is unglued.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -38,16 +38,9 @@ class RegionCover(CellsClaim):
     lies in a box; `seed` (1 or 0, N), a configuration to which the seed is known.
     """
 
-    box: Indices
-    start: Indices
+    box: Annotated[Indices, Form("T", "i", -1)]
+    start: Annotated[Indices, Form("1", "i", -1)]
     theorem = "gluing"
-    forms = MappingProxyType(
-        {
-            **CellsClaim.forms,
-            "box": Form("T", "i", -1),
-            "start": Form("1", "i", -1),
-        }
-    )
 
     def examined(self, *premises: Fact) -> Examined:
         """The tree, its cells in their boxes, and its faces."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
 
@@ -21,21 +21,12 @@ _LARGEST = np.finfo(np.float64).max
 class Demanded(ProvableClaim):
     """All boxes of the facts that are its premises meet some `Requirements`; the largest number stands for no limit."""
 
-    lower: Array
-    upper: Array
-    driven: Indices
-    units: Array
-    dexterity: Array
+    lower: Annotated[Array, Form("N")]
+    upper: Annotated[Array, Form("N")]
+    driven: Annotated[Indices, Form("d", "i", 0)]
+    units: Annotated[Array, Form("P", above=0.0)]
+    dexterity: Annotated[Array, Form("1", least=0.0, below=1.0)]
     theorem = "demands"
-    forms = MappingProxyType(
-        {
-            "lower": Form("N"),
-            "upper": Form("N"),
-            "driven": Form("d", "i", 0),
-            "units": Form("P", above=0.0),
-            "dexterity": Form("1", least=0.0, below=1.0),
-        }
-    )
 
     @classmethod
     def of(cls, equations: Closures, demands: Requirements) -> Demanded:

@@ -243,7 +243,8 @@ def empty_by(platform: Platform, ends: Ends, weights: Array) -> tuple[Mask, Arra
     spread = a - np.sum(weights[..., None] * a, axis=1, keepdims=True)
     aside = platform.places - np.sum(weights[..., None] * platform.places, axis=1, keepdims=True)
     W = weights[..., None] * aside
-    left, values, right = np.linalg.svd(np.swapaxes(spread, 1, 2) @ W)
+    C = np.swapaxes(spread, 1, 2) @ W
+    left, values, right = np.linalg.svd(np.where(np.isfinite(C), C, 0.0))  # else `scale` below is not finite either
     along = W @ np.swapaxes(right, 1, 2)
     S = np.maximum(np.hypot(values, np.sum(np.abs(along) * r[..., None], axis=1)), _LEAST_VALUE)
     far, near = np.linalg.norm(spread, axis=2), np.linalg.norm(aside, axis=2)

@@ -9,8 +9,7 @@ it is gone through again.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 
@@ -48,20 +47,11 @@ class Excluded(CellsClaim):
     Found: `empty` (T,), the leaves of which this is proved.
     """
 
-    kept: Mask
-    limits: Array
-    middle: Array
-    singular: Mask
+    kept: Annotated[Mask, Form("T", "b")]
+    limits: Annotated[Array, Form("M2")]
+    middle: Annotated[Array, Form("M")]
+    singular: Annotated[Mask, Form("1", "b")]
     theorem = "counting"
-    forms = MappingProxyType(
-        {
-            **CellsClaim.forms,
-            "kept": Form("T", "b"),
-            "limits": Form("M2"),
-            "middle": Form("M"),
-            "singular": Form("1", "b"),
-        }
-    )
 
     def examined(self, *premises: Fact) -> Examined:
         """Branch and prune down the tree, as far as a leaf below is not kept."""
@@ -115,16 +105,9 @@ class Unreachable(CellsClaim):
     Found: `empty` (T,), the leaves of which this is proved.
     """
 
-    cell: Indices
-    weights: Array
+    cell: Annotated[Indices, Form("K", "i", 0)]
+    weights: Annotated[Array, Form("Kl")]
     theorem = "platform"
-    forms = MappingProxyType(
-        {
-            **CellsClaim.forms,
-            "cell": Form("K", "i", 0),
-            "weights": Form("Kl"),
-        }
-    )
 
     def examined(self, *premises: Fact) -> Examined:
         """Both theorems, for all leaves."""

@@ -7,10 +7,10 @@ them. Pickled, a fact is `Unproved` again, whatever it was: what crosses a file 
 proof, never makes a false one. This guards against mistakes and forged data, not against a program that means to cheat
 (``object.__new__(Fact)``): no idiom of Python does.
 
-What a claim may say is declared beside it: a `Form` for every array. Theorems are about these shapes (with fewer rows
-of a preconditioner than equations, AG = 0 would say less than G = 0), and what is no finite number is refused before
-it is compared with anything. A premise counts if it is about the same equations, told by their `digest`, or about those
-that the claim says it is to be about (`subjects`).
+What a claim may say is declared with it: every array is ``Annotated`` with its `Form`. Theorems are about these shapes
+(with fewer rows of a preconditioner than equations, AG = 0 would say less than G = 0), and what is no finite number is
+refused before it is compared with anything. A premise counts if it is about the same equations, told by their `digest`,
+or about those that the claim says it is to be about (`subjects`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol, TypeVar, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +81,7 @@ def sealed(value: Any) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class ProvableClaim:
-    """What is claimed of equations. Subclasses add arrays, each with its `Form`, and `examined`.
+    """What is claimed of equations. Subclasses add arrays, each ``Annotated`` with its `Form`, and `examined`.
 
     `rows`: the letter of the axis along which it is many claims, each of its own; none: it is one. `theorem`: the file
     of the theorem that it rests on.
@@ -91,6 +91,12 @@ class ProvableClaim:
     forms: ClassVar[Mapping[str, Form]] = MappingProxyType({})
     rows: ClassVar[str] = ""
     theorem: ClassVar[str] = ""
+
+    def __init_subclass__(cls) -> None:
+        hints = get_type_hints(cls, include_extras=True)
+        cls.forms = MappingProxyType(
+            {name: hint.__metadata__[0] for name, hint in hints.items() if get_origin(hint) is Annotated}
+        )
 
     def __post_init__(self) -> None:
         for field in fields(self)[1:]:

@@ -6,7 +6,7 @@ Proposition L of `ccpin/proof/theorems/branch.md` says when a singular configura
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
 
@@ -58,10 +58,9 @@ class SingularOnSegment(ProvableClaim):
         box: Which of the curve's boxes holds it, of shape (1,).
     """
 
-    singular: Indices
-    box: Indices
+    singular: Annotated[Indices, Form("1", "i", 0)]
+    box: Annotated[Indices, Form("1", "i", 0)]
     theorem = "branch"
-    forms = MappingProxyType({"singular": Form("1", "i", 0), "box": Form("1", "i", 0)})
 
     def subjects(self, *premises: Fact) -> tuple[str, ...]:
         """The second is about the closures and the line's rows."""

@@ -10,8 +10,7 @@ they carry the same σ on all of it (lemma G).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -45,14 +44,11 @@ class Followed(ProvableClaim):
     Found: `seed` (1, N), a configuration to which the start is known.
     """
 
-    coefficients: Array
-    knots: Array
-    times: Array
-    tube: Array
+    coefficients: Annotated[Array, Form("dKP")]
+    knots: Annotated[Array, Form("k")]
+    times: Annotated[Array, Form("t")]
+    tube: Annotated[Array, Form("P", least=0.0)]
     theorem = "theorem_n"
-    forms = MappingProxyType(
-        {"coefficients": Form("dKP"), "knots": Form("k"), "times": Form("t"), "tube": Form("P", least=0.0)}
-    )
 
     def examined(self, *premises: Fact) -> Examined:
         """The stretches in their boxes, and these glued one to the next."""

@@ -17,7 +17,7 @@ from ccpin.proof.bounds import Frame, Image, LinearPart, Rows, linear_part
 from ccpin.proof.chains import Chain, ClosureSystem
 from ccpin.proof.rounding import UNIT_ROUNDOFF
 
-_PARALLEL = 64.0 * UNIT_ROUNDOFF
+_PARALLEL = 64.0 * UNIT_ROUNDOFF  # sine of the angle between axes that are one but for products of rotations
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from ccpin.proof.equations import Closures, Derivatives, third_bound
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 from ccpin.proof.tips import third_along
 
-_RADII = (2.0, 8.0, 64.0)
+_RADII = (2.0, 8.0, 64.0)  # of the last Newton step's length: tried in turn, the least that is proved is the error
 
 
 class ProlongedPoint(NamedTuple):

@@ -22,6 +22,7 @@ import numpy as np
 from ccpin.arrays import Array
 
 UNIT_ROUNDOFF = 2.0**-53
+"""u: what one operation on doubles is off by at most, relative to its result."""
 TURN = 2.0 * np.pi
 """The double nearest to 2π, 2.21 unit roundoffs off."""
 SLACK = 1.0 + 1e-10

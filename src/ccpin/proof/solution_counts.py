@@ -10,7 +10,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations
-from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -51,11 +51,10 @@ class CountedCells(ProvableClaim):
     hold those that were counted, each one of its own.
     """
 
-    cell: Indices
-    q: Array
-    point: Indices
+    cell: Annotated[Indices, Form("K", "i", 0)]
+    q: Annotated[Array, Form("KP")]
+    point: Annotated[Indices, Form("B", "i", 0)]
     theorem = "counting"
-    forms = MappingProxyType({"cell": Form("K", "i", 0), "q": Form("KP"), "point": Form("B", "i", 0)})
 
     def examined(self, *premises: Fact) -> Examined:
         """Each q counted, and every cell that is connected with its cell."""
@@ -101,19 +100,11 @@ class CompleteCells(ProvableClaim):
     Found: `complete` (T,), over which cells all are; `count` (T,), how many.
     """
 
-    cut: Indices
-    child: Indices
-    cell: Indices
-    box: Indices
+    cut: Annotated[Indices, Form("T", "i", 0)]
+    child: Annotated[Indices, Form("T", "i", -1)]
+    cell: Annotated[Indices, Form("K", "i", 0)]
+    box: Annotated[Indices, Form("K", "i", 0)]
     theorem = "counting"
-    forms = MappingProxyType(
-        {
-            "cut": Form("T", "i", 0),
-            "child": Form("T", "i", -1),
-            "cell": Form("K", "i", 0),
-            "box": Form("K", "i", 0),
-        }
-    )
 
     def examined(self, *premises: Fact) -> Examined:
         """As many boxes over a cell as were counted, no two with the same configuration, each within the limits."""

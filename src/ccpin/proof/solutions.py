@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -32,27 +31,15 @@ class SolutionsInBoxes(ProvableClaim):
     Found: `image` (B, m), Z̄(R)R.
     """
 
-    centre: Array
-    half: Array
-    directions: Array
-    modes: Array
-    preconditioner: Array
-    radius: Array
-    weight: Array
-    kappa: Array
+    centre: Annotated[Array, Form("BN")]
+    half: Annotated[Array, Form("Bp", least=0.0)]
+    directions: Annotated[Array, Form("BNp")]
+    modes: Annotated[Array, Form("BMM")]
+    preconditioner: Annotated[Array, Form("BMM")]
+    radius: Annotated[Array, Form("BM", above=0.0)]
+    weight: Annotated[Array, Form("BM", above=0.0)]
+    kappa: Annotated[Array, Form("B", least=0.0, below=1.0)]
     rows, theorem = "B", "theorem_n"
-    forms = MappingProxyType(
-        {
-            "centre": Form("BN"),
-            "half": Form("Bp", least=0.0),
-            "directions": Form("BNp"),
-            "modes": Form("BMM"),
-            "preconditioner": Form("BMM"),
-            "radius": Form("BM", above=0.0),
-            "weight": Form("BM", above=0.0),
-            "kappa": Form("B", least=0.0, below=1.0),
-        }
-    )
 
     @property
     def boxes(self) -> Boxes:
@@ -131,19 +118,11 @@ class GluedBoxes(ProvableClaim):
     of the second.
     """
 
-    first: Indices
-    second: Indices
-    at_first: Array
-    at_second: Array
+    first: Annotated[Indices, Form("K", "i", 0)]
+    second: Annotated[Indices, Form("K", "i", 0)]
+    at_first: Annotated[Array, Form("Kp")]
+    at_second: Annotated[Array, Form("Kp")]
     rows, theorem = "K", "theorem_n"
-    forms = MappingProxyType(
-        {
-            "first": Form("K", "i", 0),
-            "second": Form("K", "i", 0),
-            "at_first": Form("Kp"),
-            "at_second": Form("Kp"),
-        }
-    )
 
     def examined(self, *premises: Fact) -> Examined:
         """Lemma G."""
@@ -169,13 +148,12 @@ class Met(ProvableClaim):
     the point is compared with that at δ and δ′ modulo whole turns. Found: `turn`, as for `GluedBoxes`.
     """
 
-    first: Indices
-    second: Indices
-    at_first: Array
-    at_second: Array
-    point: Indices
+    first: Annotated[Indices, Form("K", "i", 0)]
+    second: Annotated[Indices, Form("K", "i", 0)]
+    at_first: Annotated[Array, Form("Kp")]
+    at_second: Annotated[Array, Form("Kp")]
+    point: Annotated[Indices, Form("K", "i", 0)]
     rows, theorem = "K", "theorem_n"
-    forms = MappingProxyType({**GluedBoxes.forms, "point": Form("K", "i", 0)})
 
     def examined(self, *premises: Fact) -> Examined:
         """Lemma G."""

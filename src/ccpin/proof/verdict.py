@@ -6,7 +6,7 @@ and, where nothing was decided, which argument to raise. A refutation comes with
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from ccpin.arrays import Array
 
@@ -23,6 +23,13 @@ def of_file(source: str | None) -> str:
     if source is None:
         return ""
     return f"; as {source} says: boxes and tubes were proved again, the rest by `ccpin verify` alone"
+
+
+class Judged:
+    """What has a `verdict` and a `reason`, and shows itself by them."""
+
+    def __repr__(self: Any) -> str:
+        return f"{type(self).__name__}({self.verdict}: {self.reason})"
 
 
 class Witness(NamedTuple):

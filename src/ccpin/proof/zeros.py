@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
 
@@ -17,12 +17,11 @@ _UNIT = 1.0 + 1e-9  # entries of unit vectors, as rounded
 
 @dataclass(frozen=True, eq=False)
 class _Zeros(ProvableClaim):
-    x: Array
-    origin: Array
+    x: Annotated[Array, Form("Bx")]
+    origin: Annotated[Array, Form("BP")]
     directions: Array
-    pairing: Array
+    pairing: Annotated[Array, Form("BM")]
     rows = "B"
-    forms = MappingProxyType({"x": Form("Bx"), "origin": Form("BP"), "pairing": Form("BM")})
 
     @property
     def system(self) -> Prolongation:
@@ -54,8 +53,8 @@ class SingularPoints(_Zeros):
     Found: `error` (B,): exactly one has s, y and w so near, with lᵀw = 1.
     """
 
+    directions: Annotated[Array, Form("BP1")]
     theorem = "folds"
-    forms = MappingProxyType({**_Zeros.forms, "directions": Form("BP1")})
 
 
 @provable
@@ -72,5 +71,5 @@ class Cusps(_Zeros):
     Found: `error` (B,): exactly one has s, y, v and w so near, with lᵀv = 1 and lᵀw = 0.
     """
 
+    directions: Annotated[Array, Form("BP2")]
     theorem = "cusps"
-    forms = MappingProxyType({**_Zeros.forms, "directions": Form("BP2")})

@@ -10,7 +10,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.control import ControlLaw, PDSimpleGravity, local_gains
-from ccpin.control.laws import NoTorque
+from ccpin.control.control_law import NoTorque
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError
 from ccpin.kinematics.coordinates import checked_q

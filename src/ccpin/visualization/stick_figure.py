@@ -14,9 +14,9 @@ from ccpin.kinematics.tree import TreeJoint
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.visualization.shapes import Form, hull
 
-GROUND: Colour = (0.36, 0.39, 0.43, 1.0)
-JOINT: Colour = (0.20, 0.22, 0.26, 1.0)
-LOOP: Colour = (0.85, 0.22, 0.16, 1.0)
+GROUND: Colour = (0.36, 0.39, 0.43, 1.0)  # red, green, blue, opacity: what stands still is grey
+JOINT: Colour = (0.20, 0.22, 0.26, 1.0)  # dark on every limb
+LOOP: Colour = (0.85, 0.22, 0.16, 1.0)  # the one red: where a loop was cut open
 LIMBS: tuple[Colour, ...] = (
     (0.16, 0.44, 0.74, 1.0),
     (0.93, 0.52, 0.16, 1.0),
@@ -24,6 +24,7 @@ LIMBS: tuple[Colour, ...] = (
     (0.55, 0.40, 0.70, 1.0),
     (0.80, 0.66, 0.22, 1.0),
 )
+"""Of the bodies in turn, none red or grey: five neighbours are told apart."""
 LIMB_RADIUS = 0.014
 """Of the mechanism's extent."""
 ROOT, TIP, PIN, BALL = 1.35, 0.85, 1.5, 1.75

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import qr
 
 import ccpin
 from ccpin.covering.proposals.krawczyk import certify_boxes
@@ -18,7 +17,7 @@ from ccpin.proof.equations import closure_values, closures_of, derivatives, prob
 from ccpin.proof.newton import bounds_of, check, predict, solve_in_boxes
 from tests.oracles import rpdr as oracle
 from tests.support.ball_joint import ball_joint
-from tests.support.closures import ARMS, KINDS, PLANAR, SPATIAL, closed_problem, two_arms
+from tests.support.closures import ARMS, KINDS, PLANAR, SPATIAL, closed_problem, open_problem, two_arms
 
 CENTRES = ((-108.0, -72.0), (-108.0, -48.0), (-108.0, -120.0), (-70.0, -110.0))
 EXACT = (15.056, 3.467, 40.737, 13.056)
@@ -127,13 +126,7 @@ def test_bounds_bound(name, bounds):
 @pytest.mark.parametrize("kind", KINDS)
 def test_bounds_bound_for_every_kind_of_closure(arms, kind):
     """The same at open configurations of chains with directions, offsets, slides after turns and many-axis joints."""
-    mechanism = two_arms(arms, kind)
-    system = reading_of(mechanism, mechanism.q_reference).system
-    theta = np.random.default_rng(8).uniform(-0.8, 0.8, mechanism.n_free)
-    jacobian = closure_values(problem_of(system, "reach"), theta[None])[1][0]
-    order = qr(jacobian, pivoting=True)[2]  # the best conditioned choice of dependent coordinates comes first
-    system = replace(system, dependent=np.sort(order[: system.m]), independent=np.sort(order[system.m :]))
-    assert_bounds_hold(problem_of(system, "reach"), theta, trials=60)
+    assert_bounds_hold(*open_problem(arms, kind), trials=60)
 
 
 @at_centres

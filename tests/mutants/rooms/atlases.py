@@ -133,7 +133,7 @@ EXCUSED: tuple[Excused, ...] = (
     ),
     Excused(
         "domain/documents/kinds",
-        ("_ROWS",),
+        ("_CELLS",),
         "how large a whole number of a file may be: `checked_cells` compares each with the halves of the region",
     ),
     Excused("domain/atlas/merged", ("split_region", "_halves"), "how a region is parted"),

@@ -13,7 +13,7 @@ import pytest
 import ccpin
 from ccpin import control
 from ccpin.control import Measurement, Sampling
-from ccpin.control.laws import Delayed, NoTorque
+from ccpin.control.control_law import Delayed, NoTorque
 from ccpin.description import scaled
 
 PAIRS = int(os.environ.get("CCPIN_PAIRS", "20"))

@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 import ccpin
 from ccpin.control import Measurement, PDSimpleGravity, Sampling, TorqueFunction
-from ccpin.control.laws import Delayed, NoTorque
+from ccpin.control.control_law import Delayed, NoTorque
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Budget, Event
 from tests.oracles import rpdr as oracle

@@ -6,7 +6,7 @@ import pytest
 
 import ccpin
 from ccpin import Trajectory
-from ccpin.control.laws import NoTorque
+from ccpin.control.control_law import NoTorque
 from ccpin.errors import CcpinError, InvalidInputError, UnreachableError
 from ccpin.simulation import Settling, supervise
 from tests.support.paper import GOAL, K_P, K_V, START

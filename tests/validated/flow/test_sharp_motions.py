@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.control.laws import NoTorque
+from ccpin.control.control_law import NoTorque
 
 pytest.importorskip("flint")
 

@@ -34,7 +34,7 @@ from ccpin.description.closure_kinds import Gap, X, Y, Z
 from ccpin.domain.closures.scalar_coordinates import Elementary
 from ccpin.kinematics.loops import ResolvedClosure
 
-_IN_PLANE = 1e-12
+_IN_PLANE = 1e-12  # of a rod's length: out of the plane by less is what rounding leaves of a planar one
 
 
 class Rod(NamedTuple):

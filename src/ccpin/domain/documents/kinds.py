@@ -6,12 +6,10 @@ unit ``θ`` is that of the coordinate: rad of one that turns, m of one that slid
 
 from __future__ import annotations
 
+from ccpin.covering.cells import CellStatus
 from ccpin.covering.documents import Document
+from ccpin.proof.cell_tree import WHOLE
 from ccpin.schemas import Choice, Field, Parts, Schema
-
-_ROWS = 2.0**32 + 1.0
-_STATUSES = 7
-
 
 _HEADER = {
     "theorem": str,
@@ -76,11 +74,11 @@ _CELLS = {
     "box_radius": Field("f", "B m", "θ", 0),
     "box_weight": Field("f", "B m", "", 0),
     "box_kappa": Field("f", "B", "", 0, 1),
-    "tree_lower": Field("i", "N n", "2⁻³² of the region", 0, _ROWS),
-    "tree_size": Field("i", "N n", "2⁻³² of the region", 1, _ROWS),
+    "tree_lower": Field("i", "N n", "2⁻³² of the region", 0, WHOLE + 1),
+    "tree_size": Field("i", "N n", "2⁻³² of the region", 1, WHOLE + 1),
     "tree_cut": Field("i", "N", "", 0, "n"),
     "tree_child": Field("i", "N", "", -1, "N"),
-    "tree_status": Field("s", "N", "", 0, _STATUSES),
+    "tree_status": Field("s", "N", "", 0, len(CellStatus)),
     "tree_box": Field("i", "N", "", -1, "B"),
     "singular_cell": Field("i", "S", "", 0, "N"),
     "singular_theta": Field("f", "S p", "θ"),

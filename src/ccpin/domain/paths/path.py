@@ -34,7 +34,7 @@ from ccpin.proof.equations import BoundsName, Problem, closure_values
 from ccpin.proof.facts import Fact
 from ccpin.proof.newton import Boxes, solve_in_boxes
 from ccpin.proof.paths import follows
-from ccpin.proof.verdict import Verdict, Witness
+from ccpin.proof.verdict import Judged, Verdict, Witness
 
 _AHEAD = np.array([1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4])  # of what is left of the piece
 _BACK = (1, 3, 6, 12)  # strides before the end of a walk
@@ -42,8 +42,8 @@ _SAMPLES = 100  # of what is left of the path
 _STRAIGHT = 1e-13  # the rounding that every chord's deviation is given
 
 
-@dataclass(frozen=True, eq=False)
-class CertifiedPath:
+@dataclass(frozen=True, eq=False, repr=False)
+class CertifiedPath(Judged):
     """What was proved of a path.
 
     Attributes:
@@ -71,9 +71,6 @@ class CertifiedPath:
     boxes: Boxes
     pieces: PPoly
     reading: Reading
-
-    def __repr__(self) -> str:
-        return f"CertifiedPath({self.verdict}: {self.reason})"
 
     @property
     def verdict(self) -> Verdict:

@@ -12,8 +12,8 @@ from ccpin.arrays import Array, numbers
 from ccpin.errors import InvalidInputError
 from ccpin.proof.chords import chords_of
 
-_CONTINUOUS = 1e-9
-_DEGREE = 50
+_CONTINUOUS = 1e-9  # rad, m: jumps as wide are crossed straight, wider ones refused (knots are typed in decimals)
+_DEGREE = 50  # binomials up to C(50, 25) are doubles (`ccpin.proof.chords`)
 
 
 def pieces_of(path: ArrayLike | PPoly | BSpline, n: int) -> PPoly:

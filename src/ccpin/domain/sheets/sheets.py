@@ -51,7 +51,7 @@ from ccpin.proof.narrowing import Candidates
 from ccpin.proof.newton import Boxes, check, solve_in_boxes, without_turns
 from ccpin.proof.ranges import Ranges
 
-_PART = 500
+_PART = 500  # starts at a time: bounds the memory of their third derivatives
 _RECORDS: dict[str, Any] = {"members": Members, "glued": Glued, "left": Candidates, "ranges": Ranges}
 
 

@@ -29,10 +29,10 @@ from ccpin.proof.ranges import Ranges
 from ccpin.work import Stopped
 
 _MANY, _SMALL = 500, 0.15  # boxes, or the largest edge of all: from here on curves are looked for
-_MOST_STARTS = 20
-_NEWTON = 20
+_MOST_STARTS = 20  # curves followed before the boxes are narrowed again
+_NEWTON = 20  # steps from a box's middle, far from the curve as it may be
 _FAR = 3.0  # of a box: singular configurations farther from its middle are other boxes'
-_ON_CURVE = 1e-9
+_ON_CURVE = 1e-9  # rad, m: so wide a box about a point is in a tube that has it; Newton's errors are far below
 
 
 class SearchDomain(NamedTuple):

@@ -15,7 +15,7 @@ from ccpin.proof.curves.tubes import Frames, Tubes, certify_tubes, glued, zeros_
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import without_turns
 
-_STILL = 1e-7
+_STILL = 1e-7  # rad, m: along a self-motion q moves less, by the middles' errors alone
 _AGAIN, _ROUNDED = 1e-6, 1e-15  # how far the same bounds may differ when formed again
 
 

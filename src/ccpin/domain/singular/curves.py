@@ -40,7 +40,7 @@ from ccpin.proof.verdict import Verdict, of_file
 from ccpin.work import executor_for, stoppable
 
 _SAMPLES = 33  # of a tube
-_TOUCHING = 1e-12
+_TOUCHING = 1e-12  # rad, m: how far roundings may have moved a configuration that is asked about
 
 
 class UncoveredBoxes(NamedTuple):

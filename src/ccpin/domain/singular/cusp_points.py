@@ -23,8 +23,8 @@ from ccpin.proof.newton import without_turns
 from ccpin.proof.prolongations import Prolongation
 from ccpin.proof.zeros import Cusps
 
-_STEPS = 40
-_SAME = 1e-6
+_STEPS = 40  # of Newton's method: it starts at a point of a curve that is sampled coarsely
+_SAME = 1e-6  # rad, m: cusps as near are one found twice, whose errors are far below
 
 
 class Cusp(NamedTuple):

@@ -18,7 +18,7 @@ from ccpin.proof.facts import Fact
 from ccpin.proof.prolongations import Prolongation
 from ccpin.proof.zeros import SingularPoints
 
-_STEPS, _STEPS_AHEAD = 40, 8
+_STEPS, _STEPS_AHEAD = 40, 8  # of Newton's method: where nothing is known, and from where a fold is expected
 
 
 class SearchedLines(NamedTuple):

@@ -12,14 +12,14 @@ from ccpin.proof.curves.curve_equations import Values, first_order, values_at
 from ccpin.proof.curves.tubes import Points, Tubes, bounds_of, certify_tubes, frames_at, glued, places_in
 from ccpin.proof.equations import Problem
 
-_FIRST = np.geomspace(0.4, 1e-4, 40)
-_NEXT = np.array([1.5, 1.25, 1.1, 1.0, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2, 0.1])
-_LEAST = 1e-5
-_STEPS = 6
+_FIRST = np.geomspace(0.4, 1e-4, 40)  # half lengths tried for a first tube: nothing is known of the curve
+_NEXT = np.array([1.5, 1.25, 1.1, 1.0, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2, 0.1])  # for a next one, of the last one's
+_LEAST = 1e-5  # of half lengths: `MOST_TUBES` as short follow a curve for 0.4 rad
+_STEPS = 6  # of Newton's method back onto the curve, from its tangent less than a tube's length on
 _ON = (0.95, 0.6, 0.3)  # of a tube's half length: where the next one is centred
-_SAME = 1e-9
-_SHAPED = 2
-_SETTLED, _FAR = 1e-7, 1.0
+_SAME = 1e-9  # half width of the box about the first middle that a tube must hold if the curve is to have returned
+_SHAPED = 2  # passes that bring the radii into the proportions of what Z leaves of them
+_SETTLED, _FAR = 1e-7, 1.0  # rad, m: a step's length after which its square is left; longer ones are not taken
 MOST_TUBES = 20_000
 """Of one curve."""
 

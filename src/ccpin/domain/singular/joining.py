@@ -22,9 +22,9 @@ from ccpin.proof.newton import without_turns
 from ccpin.proof.rounding import SLACK
 
 _LAST = 4  # tubes of a chain from which it may go on in another
-_HALVINGS, _PASSES = 8, 3
+_HALVINGS, _PASSES = 8, 3  # of a tube's length into pieces; of a piece's radii through its bounds
 _REACH = 2.0  # half lengths: tubes that meet are no farther apart
-_ROUNDING = 1e-13
+_ROUNDING = 1e-13  # rad, m: above the roundings of sums of coordinates of order one and ten
 
 
 def one_of_each(problem: Problem, chains: Iterable[TubeChain]) -> list[TubeChain]:

@@ -22,10 +22,10 @@ from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, predict
 from ccpin.proof.rounding import blur
 
-_CHUNK = 4_000_000
+_CHUNK = 4_000_000  # bytes of second derivatives of φ at a time
 _REACH = 2.0  # of a cell: how far beside it a fold is looked for
-_NEWTON = 12
-_SOUGHT = 500
+_NEWTON = 12  # steps from a box's prediction of σ, which is within its radius
+_SOUGHT = 500  # cells at a time: between two looks for an interrupt
 
 
 def mark_singular(runner: Runner, tree: CellTree, region: Region, boxes: Boxes) -> Iterator[SingularCells]:

@@ -38,8 +38,8 @@ from ccpin.mechanism.wireframe import plane_of_motion
 from ccpin.proof.verdict import Verdict
 
 RowFunction = Callable[[Array, Array], tuple[Array, Array]]
-_SOLVED = 1e-11
-_NEAR = 1e-6
+_SOLVED = 1e-11  # largest residual (m, 1) of a point on a curve: above what rounding leaves
+_NEAR = 1e-6  # rad, m: a proved singular configuration as near a sampled point is taken for it
 
 
 CurveKind = Literal["fold", "self-motion", "serial"]

@@ -20,7 +20,7 @@ from ccpin.domain.theorem2.unknowns import Unknowns
 from ccpin.errors import UnsupportedMechanismError
 
 Complex = tuple[Polynomial, Polynomial]
-LARGEST_RATIO = 16
+LARGEST_RATIO = 16  # four squarings of (cos, sin), whose products become unknowns
 
 
 def coupling_row(kinematics: Kinematics, coupling: Coupling, numbers: dict[str, int], q_free: Array) -> Polynomial:

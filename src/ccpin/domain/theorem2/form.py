@@ -39,6 +39,7 @@ from ccpin.mechanism.mechanism import Mechanism
 Form = Literal["angles", "absolute"]
 FORMS: tuple[Form, ...] = get_args(Form)
 COEFFICIENT_ERROR = 1e-12
+"""The coefficients' error, relative to the largest row sum, as it is taken to be (`radius` says what rests on it)."""
 
 
 @dataclass(frozen=True, eq=False)

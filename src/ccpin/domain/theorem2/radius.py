@@ -59,7 +59,7 @@ from ccpin.domain.theorem2.form import FORMS, Form, QuadraticForm, quadratic_for
 from ccpin.domain.theorem2.polynomials import QuadraticSystem
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.proof.verdict import Verdict, Witness
+from ccpin.proof.verdict import Judged, Verdict, Witness
 
 Scaling = Literal["unit", "weighted"]
 
@@ -72,8 +72,8 @@ _DESCRIPTIONS: dict[str, str] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Theorem2Result:
+@dataclass(frozen=True, eq=False, repr=False)
+class Theorem2Result(Judged):
     """What Theorem 2 certifies about a closed configuration.
 
     Attributes:
@@ -108,9 +108,6 @@ class Theorem2Result:
     weights: Array
     centre: Array
     uniqueness: float
-
-    def __repr__(self) -> str:
-        return f"Theorem2Result({self.verdict}: {self.reason})"
 
 
 class CentreBounds(NamedTuple):

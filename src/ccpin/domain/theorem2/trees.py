@@ -36,7 +36,7 @@ from ccpin.domain.theorem2.unknowns import (
 )
 from ccpin.kinematics.tree import Tree, TreeJoint
 
-PARALLEL = 1e-13
+PARALLEL = 1e-13  # sine of the angle below which two axes are one but for the roundings of a few products of frames
 _TURNS = ("rx", "ry", "rz")
 _Rotation = Sequence[tuple[Polynomial, Array]]  # Σ polynomial · matrix, equal to a rotation
 

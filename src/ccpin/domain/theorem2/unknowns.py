@@ -14,7 +14,7 @@ from ccpin.domain.theorem2.polynomials import Monomial, Polynomial, combine
 
 Vector = tuple[Polynomial, Polynomial, Polynomial]
 
-NOISE = 1e-14
+NOISE = 1e-14  # of a polynomial's largest coefficient: smaller ones are what rounding left of zeros
 
 
 class AngleTerm(NamedTuple):

@@ -38,8 +38,8 @@ from ccpin.proof.requirements import passable
 
 Limits = bool | Mapping[str, tuple[float, float]]
 
-_DEPTHS = {1: 12, 2: 9, 3: 6}
-_MANY_DEPTH = 4
+_DEPTHS = {1: 12, 2: 9, 3: 6}  # halvings of each coordinate, by how many are free: 4,096 to 262,144 cells at most
+_MANY_DEPTH = 4  # of four and more: 65,536 cells of four
 _PARTS = (1, 8, 64)  # pieces of a way: a box proved to follow σ may be too long for limits
 
 

@@ -18,7 +18,7 @@ from ccpin.proof.narrowing import Candidates, directions
 from ccpin.proof.newton import without_turns
 from ccpin.proof.rounding import SLACK, TURN, blur
 
-_BESIDE, _ABOUT = 3, 8
+_BESIDE, _ABOUT = 3, 8  # tubes by distance that are tried for a box, and, at less cost, for a point
 _WORTH = 2.5  # half lengths: wider boxes are in no tube, and seldom shown to be empty
 _ROOM, _LEAST = 1.0 + 1e-6, 1e-9  # of u: components of w may be 0, as those of rotors that bend nothing are
 _PASSES, _GAIN = 2, 0.7  # and what radius a second pass is worth after

@@ -9,7 +9,7 @@ the start, and whoever found them is not believed: what was missed is in a box t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
 
@@ -63,23 +63,13 @@ class SingularCovered(ProvableClaim):
     are listed that were to be halved.
     """
 
-    lower: Array
-    upper: Array
-    limits: Array
-    middle: Array
-    resolution: Array
-    most: Indices
+    lower: Annotated[Array, Form("P")]
+    upper: Annotated[Array, Form("P")]
+    limits: Annotated[Array, Form("M2")]
+    middle: Annotated[Array, Form("N")]
+    resolution: Annotated[Array, Form("1", above=0.0)]
+    most: Annotated[Indices, Form("1", "i", 0)]
     theorem = "covering"
-    forms = MappingProxyType(
-        {
-            "lower": Form("P"),
-            "upper": Form("P"),
-            "limits": Form("M2"),
-            "middle": Form("N"),
-            "resolution": Form("1", above=0.0),
-            "most": Form("1", "i", 0),
-        }
-    )
 
     def examined(self, *premises: Fact) -> Examined:
         """Branch and prune."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
 
@@ -22,25 +22,14 @@ class SingularTubes(ProvableClaim):
     Found: `gain` (T, N′, 2m + 1), a P; `kappa` (T,), κ; `hull` (T, N′), how far the curve is from the segment.
     """
 
-    theta: Array
-    kernel: Array
-    pairing: Array
-    along: Indices
-    tangent: Array
-    half: Array
-    radius: Array
+    theta: Annotated[Array, Form("TN")]
+    kernel: Annotated[Array, Form("TM")]
+    pairing: Annotated[Array, Form("TM")]
+    along: Annotated[Indices, Form("T", "i", 0)]
+    tangent: Annotated[Array, Form("Tx")]
+    half: Annotated[Array, Form("T", above=0.0)]
+    radius: Annotated[Array, Form("Tx", least=0.0)]
     rows, theorem = "T", "tubes"
-    forms = MappingProxyType(
-        {
-            "theta": Form("TN"),
-            "kernel": Form("TM"),
-            "pairing": Form("TM"),
-            "along": Form("T", "i", 0),
-            "tangent": Form("Tx"),
-            "half": Form("T", above=0.0),
-            "radius": Form("Tx", least=0.0),
-        }
-    )
 
     @property
     def stated(self) -> Stated:
@@ -78,10 +67,9 @@ class GluedTubes(ProvableClaim):
     Premises are the facts about the tubes, numbered through.
     """
 
-    first: Indices
-    second: Indices
+    first: Annotated[Indices, Form("K", "i", 0)]
+    second: Annotated[Indices, Form("K", "i", 0)]
     rows, theorem = "K", "tubes"
-    forms = MappingProxyType({"first": Form("K", "i", 0), "second": Form("K", "i", 0)})
 
     def examined(self, *premises: Fact) -> Examined:
         """Two zeros of the one in the other."""

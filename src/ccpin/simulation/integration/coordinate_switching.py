@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, frozen
-from ccpin.control.laws import ControlLaw, idle, undelayed
+from ccpin.control.control_law import ControlLaw, idle, undelayed
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State, StateModel
 from ccpin.dynamics.wrenches import Pushes, Wrenches, wrench_rows

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, frozen
-from ccpin.control.laws import ControlLaw, of_own, stated
+from ccpin.control.control_law import ControlLaw, of_own, stated
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import StateModel
 from ccpin.native import Declining

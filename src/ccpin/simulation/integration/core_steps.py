@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Mask, frozen
-from ccpin.control.laws import HeldEffort
+from ccpin.control.control_law import HeldEffort
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import StateModel
 from ccpin.simulation.events.samples import EventRecord, StateSample

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 
-from ccpin.control.laws import ControlLaw, stated, undelayed
+from ccpin.control.control_law import ControlLaw, stated, undelayed
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import SlowRunWarning
 from ccpin.native import backend

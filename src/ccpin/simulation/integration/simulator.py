@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import integrate
 
 from ccpin.arrays import Array, choice, frozen, instance, number, positive, records, step_or_infinite, vector
-from ccpin.control.laws import ControlLaw, HeldEffort
+from ccpin.control.control_law import ControlLaw, HeldEffort
 from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State

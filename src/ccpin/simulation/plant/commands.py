@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, numbers
-from ccpin.control.laws import ControlLaw, Measurement, NoTorque, TorqueFunction
+from ccpin.control.control_law import ControlLaw, Measurement, NoTorque, TorqueFunction
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, records
-from ccpin.control.laws import ControlLaw, idle
+from ccpin.control.control_law import ControlLaw, idle
 from ccpin.control.sampling import ContinuousCommands, SampledCommands
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State

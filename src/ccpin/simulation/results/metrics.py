@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, positive
-from ccpin.control.laws import ControlLaw, PDFullGravity, PDSimpleGravity, stated
+from ccpin.control.control_law import ControlLaw, stated
+from ccpin.control.laws import PDFullGravity, PDSimpleGravity
 from ccpin.dynamics.reduced_model import ReducedModel, coordinates_of
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.coordinates import checked_q

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, number, positive
-from ccpin.control.laws import Delayed
+from ccpin.control.control_law import Delayed
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError

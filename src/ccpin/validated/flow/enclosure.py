@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, numbers
-from ccpin.control.laws import ControlLaw, idle
+from ccpin.control.control_law import ControlLaw, idle
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.assumptions import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.proof.verdict import Verdict, Witness
+from ccpin.proof.verdict import Judged, Verdict, Witness
 from ccpin.validated.arithmetic.ball_arrays import of_balls
 from ccpin.validated.arithmetic.balls import Ball, around, ball, bounds, centre_of, flint, hull, magnitude, upper
 from ccpin.validated.arithmetic.series import gradients, values
@@ -48,8 +48,8 @@ class StateBox(NamedTuple):
     v_radius: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Enclosure:
+@dataclass(frozen=True, eq=False, repr=False)
+class Enclosure(Judged):
     """A proven enclosure of one trajectory of K steps.
 
     Attributes:
@@ -90,9 +90,6 @@ class Enclosure:
     loop: ClosedLoop
     steps: tuple[ProvenStep, ...]
     start: tuple[Ball, ...]
-
-    def __repr__(self) -> str:
-        return f"Enclosure({self.verdict}: {self.reason})"
 
     @property
     def smallest_determinant(self) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, numbers, positive, step_or_infinite, vector, whole
-from ccpin.control.laws import ControlLaw
+from ccpin.control.control_law import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.validated.arithmetic.balls import Ball, ball, flint

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw, stated
+from ccpin.control.control_law import ControlLaw, stated
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.kinematics.tree import Tree
 from ccpin.proof.digests import Part, require_same

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw, stated
+from ccpin.control.control_law import ControlLaw, stated
 from ccpin.control.statements import Statement
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError

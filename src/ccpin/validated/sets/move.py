@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import positive
-from ccpin.control.laws import PDSimpleGravity, kind_of
+from ccpin.control.control_law import kind_of
+from ccpin.control.laws import PDSimpleGravity
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.assumptions import limits_left_out, without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.digests import digest, require_same
-from ccpin.proof.verdict import Verdict, Witness
+from ccpin.proof.verdict import Judged, Verdict, Witness
 from ccpin.validated.arithmetic.balls import Ball, flint, lower, upper
 from ccpin.validated.flow.crossing import witness_of
 from ccpin.validated.flow.enclosure import Enclosure, collect
@@ -41,7 +42,7 @@ _MORE = "more pieces=, a higher order= or precision= may do more"
 
 
 class Certificate(Protocol):
-    """What a certified set point says, as `ccpin.control.stability.set_point.theorem3.SetPointCertificate` does."""
+    """What a certified set point says, as a `SetPointCertificate` of `ccpin.control.stability.set_point` does."""
 
     @property
     def law(self) -> PDSimpleGravity:
@@ -56,8 +57,8 @@ class Certificate(Protocol):
         """Whether it is proven."""
 
 
-@dataclass(frozen=True, eq=False)
-class MoveCertificate:
+@dataclass(frozen=True, eq=False, repr=False)
+class MoveCertificate(Judged):
     """What was proven of a move.
 
     Attributes:
@@ -88,9 +89,6 @@ class MoveCertificate:
     enclosure: Enclosure
     tubes: tuple[Tube, ...] = ()
     assumes: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        return f"MoveCertificate({self.verdict}: {self.reason})"
 
 
 def certify_move(

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import numbers, positive, step_or_infinite, whole
-from ccpin.control.laws import ControlLaw
+from ccpin.control.control_law import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.coordinates import checked_q
 from ccpin.mechanism.assumptions import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.proof.verdict import Verdict
+from ccpin.proof.verdict import Judged, Verdict
 from ccpin.validated.arithmetic.balls import centre_of, flint
 from ccpin.validated.flow.motion_task import MotionTask, exact_q, task_of, velocity
 from ccpin.validated.flow.step import QUANTUM, StepOptions
@@ -24,8 +24,8 @@ from ccpin.validated.sets.propagation import Cut
 from ccpin.validated.sets.subdivision import Starts, Tube, TubeTask, cover
 
 
-@dataclass(frozen=True, eq=False)
-class SetEnclosure:
+@dataclass(frozen=True, eq=False, repr=False)
+class SetEnclosure(Judged):
     """All motions from a box of starts.
 
     Attributes:
@@ -38,9 +38,6 @@ class SetEnclosure:
     verdict: Verdict
     reason: str
     tubes: tuple[Tube, ...]
-
-    def __repr__(self) -> str:
-        return f"SetEnclosure({self.verdict}: {self.reason})"
 
     def contains(self, t: float, q: ArrayLike, v: ArrayLike, tolerance: float = 0.0, *, effort: ArrayLike = ()) -> bool:
         """Whether a state at a time is in one of the tubes, widened by a part of its width; computed.

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, numbers
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.proof.verdict import Verdict
+from ccpin.proof.verdict import Judged, Verdict
 from ccpin.validated.arithmetic.balls import Ball, ball, centre_of
 from ccpin.validated.arithmetic.series import values
 from ccpin.validated.flow.enclosure import Enclosure, collect
@@ -54,8 +54,8 @@ class Starts(NamedTuple):
         return Starts(below[:n], below[n:], smaller), Starts(above[:n], above[n:], smaller)
 
 
-@dataclass(frozen=True, eq=False)
-class Tube:
+@dataclass(frozen=True, eq=False, repr=False)
+class Tube(Judged):
     """All motions from one box of starts.
 
     Attributes:
@@ -72,9 +72,6 @@ class Tube:
     reason: str
     enclosure: Enclosure
     slices: tuple[TimeSlice, ...]
-
-    def __repr__(self) -> str:
-        return f"Tube({self.verdict}: {self.reason})"
 
     @property
     def duration(self) -> float:

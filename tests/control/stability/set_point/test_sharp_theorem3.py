@@ -9,9 +9,11 @@ import pytest
 
 import ccpin
 from ccpin.control import PDSimpleGravity
+from ccpin.control.stability.set_point import set_point_certificate as words
 from ccpin.control.stability.set_point import theorem3 as module
 from ccpin.control.stability.set_point.flood import FloodLimits, Sublevel
-from ccpin.control.stability.set_point.theorem3 import SetPointCertificate, _MemberCells, _SampledRegion, certify_law
+from ccpin.control.stability.set_point.set_point_certificate import MemberCells, SampledRegion, SetPointCertificate
+from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.proof.facts import NotProvedError
 from tests.support.flat_cells import boxes_about
@@ -73,15 +75,15 @@ def test_facts_of_other_things(known, laws):
 
 
 def test_what_is_assumed_of_a_mechanism(monkeypatch):
-    monkeypatch.setattr(module, "limits_left_out", lambda mechanism: ("limits",))
-    monkeypatch.setattr(module, "mass_assumed", lambda mechanism: ("mass",))
+    monkeypatch.setattr(words, "limits_left_out", lambda mechanism: ("limits",))
+    monkeypatch.setattr(words, "mass_assumed", lambda mechanism: ("mass",))
     law = SimpleNamespace(model=SimpleNamespace(mechanism=None))
     assert certificate(law).assumes == ("limits", "mass")
 
 
 def test_states_from_which_motions_converge(monkeypatch):
     """Where a configuration of the branch is known and 𝒱 is below the level."""
-    monkeypatch.setattr(module, "checked_q", lambda _, q: np.asarray(q, float))
+    monkeypatch.setattr(words, "checked_q", lambda _, q: np.asarray(q, float))
     law = SimpleNamespace(
         model=SimpleNamespace(coordinates=None, n=2), lyapunov=lambda q, v, near: float(q[0] + v[1] + near[0])
     )
@@ -97,7 +99,7 @@ def test_states_from_which_motions_converge(monkeypatch):
 
 def test_configurations_of_the_cell_that_holds_a_point(monkeypatch):
     """From its own centre, of cells in which {U < c} is 𝒬; none where no such cell holds it."""
-    monkeypatch.setattr(module, "predict", lambda problem, box, delta: np.hstack([box.centre[:, :2] + delta, delta]))
+    monkeypatch.setattr(words, "predict", lambda problem, box, delta: np.hstack([box.centre[:, :2] + delta, delta]))
     reading = SimpleNamespace(
         problem=None,
         system=SimpleNamespace(independent=np.array([0, 1])),
@@ -109,7 +111,7 @@ def test_configurations_of_the_cell_that_holds_a_point(monkeypatch):
     )
     solutions = SimpleNamespace(claim=SimpleNamespace(boxes=boxes))
     found = {"within": np.array([False, True, True])}
-    members = _MemberCells(reading, SimpleNamespace(found=found, claim=claim, premises=(solutions,)))
+    members = MemberCells(reading, SimpleNamespace(found=found, claim=claim, premises=(solutions,)))
     np.testing.assert_array_equal(members.lower, [[0.0, 0.0], [1.0, 0.0]])
     np.testing.assert_array_equal(members.upper, [[1.0, 1.0], [3.0, 1.0]])
     np.testing.assert_allclose(members.near(np.array([2.5, 0.25])), [2.5, 0.25, 0.5, -0.25])
@@ -127,7 +129,7 @@ def test_configurations_in_a_sampled_region():
         return near + q
 
     law = SimpleNamespace(q_free_d=np.array([10.0, 20.0]), model=SimpleNamespace(sigma=sigma))
-    region = _SampledRegion(law, np.array([1.0, -1.0]), np.array([2.0, 3.0]))
+    region = SampledRegion(law, np.array([1.0, -1.0]), np.array([2.0, 3.0]))
     np.testing.assert_array_equal(region.near(np.array([1.0, 3.0])), [11.0, 23.0])
     for q in ([1.5, 0.0], [0.9, 0.0], [2.1, 0.0], [1.2, -1.1], [1.2, 3.1], [0.0, 9.0], [3.0, 4.0]):
         assert region.near(np.array(q)) is None

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -45,9 +44,8 @@ class SetPointCells(ProvableClaim):
     """
 
     equations: SetPointEquations
-    lower: Array
-    upper: Array
-    forms = MappingProxyType({"lower": Form("KP"), "upper": Form("KP")})
+    lower: Annotated[Array, Form("KP")]
+    upper: Annotated[Array, Form("KP")]
 
     def subjects(self, *premises: Fact) -> tuple[str, ...]:
         """The closures: what is known of boxes is about them alone."""
@@ -113,10 +111,9 @@ class SlopeBounded(SetPointCells):
     Found: `beta` (1,), β; `effort` (1,), what the least singular value of ρᵀSᵀ is not below, if that is positive.
     """
 
-    over_lower: Array
-    over_upper: Array
+    over_lower: Annotated[Array, Form("DP")]
+    over_upper: Annotated[Array, Form("DP")]
     theorem = "gravity"
-    forms = MappingProxyType({**SetPointCells.forms, "over_lower": Form("DP"), "over_upper": Form("DP")})
 
     def examined(self, *premises: Fact) -> Examined:
         """Lemma H over the boxes of all cells that are joined to q_d's, and that these cover."""

@@ -6,8 +6,7 @@ Lemma O of `ccpin/proof/theorems/online.md`, whose names e₀ and L are used her
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -50,9 +49,8 @@ class SigmaKept(ProvableClaim):
     """
 
     equations: TrackingEquations
-    period: Array
+    period: Annotated[Array, Form("1", above=0.0)]
     theorem = "online"
-    forms = MappingProxyType({"period": Form("1", above=0.0)})
 
     def examined(self, *premises: Fact) -> Examined:
         """Lemma O over the tube's cells."""

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, Indices, Mask
-from ccpin.control.laws import kind_of
+from ccpin.control.control_law import kind_of
 from ccpin.control.references import Reference
 from ccpin.control.stability.tracking.cell_forms import WIDEN, TimeCells
 from ccpin.control.stability.tracking.error_equations import ERROR_EQUATIONS, Feedback

@@ -22,7 +22,7 @@ from ccpin.control.tracking import TrackingLaw
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.assumptions import limits_left_out, without_dry_friction
 from ccpin.proof.facts import Fact, NotProvedError, prove
-from ccpin.proof.verdict import Verdict
+from ccpin.proof.verdict import Judged, Verdict
 
 _LEAST = 1e-9  # ε, the smallest tried
 _MIDDLE = 1e-3  # ε, the one tried first
@@ -30,8 +30,8 @@ _STRIDE = 4.0  # from one ε to the next, until one is proved and one is not
 _NEAR = 1.1  # of the largest ε proved: one not proved that ends the search
 
 
-@dataclass(frozen=True, eq=False)
-class TrackingCertificate:
+@dataclass(frozen=True, eq=False, repr=False)
+class TrackingCertificate(Judged):
     """What is proved of a law that follows its reference with a σ that is off by at most ε.
 
     Attributes:
@@ -48,9 +48,6 @@ class TrackingCertificate:
     reason: str
     proved: Fact | None
     _tube: ReferenceTube = field(repr=False)
-
-    def __repr__(self) -> str:
-        return f"TrackingCertificate({self.verdict}: {self.reason})"
 
     @cached_property
     def verdict(self) -> Verdict:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
 
@@ -18,8 +18,6 @@ from ccpin.proof.newton import encloses, reached
 from ccpin.proof.paths import Followed, follows
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes
-
-_POSITIVE, _NUMBER = Form("1", above=0.0), Form("1", least=0.0)
 
 
 @provable
@@ -46,29 +44,16 @@ class TubeKept(ProvableClaim):
     """
 
     equations: TrackingEquations
-    times: Array
-    room: Array
-    scale: Array
-    decay: Array
-    cross: Array
-    storage: Array
-    sigma_error: Array
-    disturbance: Array
-    start: Array
+    times: Annotated[Array, Form("t", least=0.0)]
+    room: Annotated[Array, Form("KX", above=0.0)]
+    scale: Annotated[Array, Form("P", above=0.0)]
+    decay: Annotated[Array, Form("1", above=0.0)]
+    cross: Annotated[Array, Form("1", least=0.0)]
+    storage: Annotated[Array, Form("SS")]
+    sigma_error: Annotated[Array, Form("1", above=0.0)]
+    disturbance: Annotated[Array, Form("P", least=0.0)]
+    start: Annotated[Array, Form("X", least=0.0)]
     theorem = "tracking"
-    forms = MappingProxyType(
-        {
-            "times": Form("t", least=0.0),
-            "room": Form("KX", above=0.0),
-            "scale": Form("P", above=0.0),
-            "decay": _POSITIVE,
-            "cross": _NUMBER,
-            "storage": Form("SS"),
-            "sigma_error": _POSITIVE,
-            "disturbance": Form("P", least=0.0),
-            "start": Form("X", least=0.0),
-        }
-    )
 
     def subjects(self, *premises: Fact) -> tuple[str, ...]:
         """The closures: what is known of boxes is about them alone."""
