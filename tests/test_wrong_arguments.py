@@ -11,8 +11,8 @@ import ccpin
 from ccpin import control, description, domain, dynamics, mechanism, plotting, simulation, validated, visualization
 from ccpin.control.control_law import NoTorque
 from ccpin.control.online import capped_sigma
+from ccpin.control.stability.set_point.sampled_region import sample_region
 from ccpin.control.stability.set_point.theorem3 import certify_law
-from ccpin.control.stability.set_point.well import sample_region
 from ccpin.description.finding import find_file, installed_models
 from ccpin.domain import scalar_coordinates_at
 from ccpin.domain.atlas.square import newton_steps

@@ -329,3 +329,15 @@ def _checked(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Arra
     if not np.isfinite(array).all():
         raise InvalidInputError(f"{name} has entries that are not finite")
     return array
+
+
+def least_eigenvalue(matrix: Array) -> float:
+    """A lower bound of the least eigenvalue of a symmetric matrix (n, n); exact where it is diagonal.
+
+    Computed eigenvalues are those of a matrix off by a modest multiple of n u ‖K‖₂, and ‖K‖₂ ≤ n max|K_ij|.
+    """
+    diagonal = np.diag(matrix)
+    if np.array_equal(matrix, np.diag(diagonal)):
+        return float(diagonal.min(initial=np.inf))
+    n = len(matrix)
+    return float(np.linalg.eigvalsh(matrix)[0] - 16.0 * np.finfo(np.float64).eps * n * n * np.abs(matrix).max())

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, frozen, instance, numbers, positive, vector
+from ccpin.arrays import Array, frozen, instance, least_eigenvalue, numbers, positive, vector
 from ccpin.control.control_law import ControlLaw, Measurement, of_own, q_of
 from ccpin.control.references import Hold, require_commuting
 from ccpin.control.statements import LawKind, Statement
@@ -192,18 +192,6 @@ def gain_matrix(gain: ArrayLike, name: str, coordinates: IndependentCoordinates)
     if least_eigenvalue(matrix) <= 0.0:
         raise InvalidInputError(f"{name} must be symmetric positive definite")
     return frozen(matrix)
-
-
-def least_eigenvalue(matrix: Array) -> float:
-    """A lower bound of the least eigenvalue of a symmetric matrix (n, n); exact where it is diagonal.
-
-    Computed eigenvalues are those of a matrix off by a modest multiple of n u ‖K‖₂, and ‖K‖₂ ≤ n max|K_ij|.
-    """
-    diagonal = np.diag(matrix)
-    if np.array_equal(matrix, np.diag(diagonal)):
-        return float(diagonal.min(initial=np.inf))
-    n = len(matrix)
-    return float(np.linalg.eigvalsh(matrix)[0] - 16.0 * np.finfo(np.float64).eps * n * n * np.abs(matrix).max())
 
 
 # Compensation of Coulomb friction, on top of a set-point law.

@@ -9,9 +9,9 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.control import PDSimpleGravity
+from ccpin.control.stability.set_point.sampled_region import sample_region
 from ccpin.control.stability.set_point.set_point_certificate import SetPointCertificate
 from ccpin.control.stability.set_point.theorem3 import certify_law
-from ccpin.control.stability.set_point.well import sample_region
 
 if TYPE_CHECKING:
     from ccpin.validated.sets.move import MoveCertificate

@@ -25,9 +25,7 @@ ROOMS: tuple[Room, ...] = (
             "_expand",
             "_slopes",
             "Potential.magnitude",
-            "masses_of",
             "potential_of",
-            "_padded",
             "potential_values",
         ),
         (
@@ -36,6 +34,15 @@ ROOMS: tuple[Room, ...] = (
             f"{_GRAVITY}::test_centre_is_exact",
             f"{_GRAVITY}::test_the_bounds_are_attained_by_a_lone_arm",
             f"{_GRAVITY}::test_norm_bounds_the_variation",
+        ),
+    ),
+    Room(
+        "control/stability/set_point/set_point_reading",
+        ("masses_of", "_padded"),
+        (
+            "control/stability/set_point/test_sharp_gravity.py",
+            "control/stability/set_point/test_sharp_potential.py",
+            f"{_GRAVITY}::test_centre_is_exact",
         ),
         (
             ("if number == 0 or inertia.mass", "not asked: inertia.mass", "what has no mass weighs nothing"),

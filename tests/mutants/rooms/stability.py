@@ -43,16 +43,20 @@ ROOMS: tuple[Room, ...] = (
         ("control/stability/set_point/test_sublevel_claims.py", "control/stability/tracking/test_tube_claims.py"),
     ),
     Room(
+        "control/stability/set_point/set_point_reading",
+        ("equations_of", "set_point_of"),
+        ("control/stability/set_point/test_sublevel_claims.py", "control/stability/set_point/test_sharp_wells.py"),
+        (("theta[reading.system.independent] = law.q_d", "", "a configuration at another q is refused"),),
+    ),
+    Room(
         "control/stability/set_point/set_point_equations",
         (
             "_OWN",
             "SetPointEquations.__post_init__",
-            "SetPointEquations.of",
             "_require_springs",
             "_require_law",
         ),
         ("control/stability/set_point/test_sublevel_claims.py",),
-        (("theta[reading.system.independent] = law.q_d", "", "a configuration at another q is refused"),),
     ),
     Room(
         "control/stability/set_point/starting_cells",
@@ -245,8 +249,8 @@ EXCUSED: tuple[Excused, ...] = (
         "when a search ends: its point, wherever, gives a bound",
     ),
     Excused(
-        "control/stability/set_point/well",
-        ("checked_region", "sample_region"),
+        "control/stability/set_point/sampled_region",
+        (),
         "of a region that is sampled nothing is proved",
     ),
     Excused(

@@ -10,10 +10,10 @@ from ccpin.control.stability.set_point.potential import (
     GravityBounds,
     Potential,
     gravity_bounds,
-    masses_of,
     potential_of,
     potential_values,
 )
+from ccpin.control.stability.set_point.set_point_reading import masses_of
 from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.description import Inertia, Joint, Link
 from ccpin.domain.closures.seeds import seed_at_coordinates

@@ -7,7 +7,8 @@ import pytest
 
 import ccpin
 from ccpin.control.stability.set_point import potential as module
-from ccpin.control.stability.set_point.potential import _expand, masses_of, potential_of, potential_values
+from ccpin.control.stability.set_point.potential import _expand, potential_of, potential_values
+from ccpin.control.stability.set_point.set_point_reading import masses_of
 from ccpin.domain.closures.system import reading_of
 from ccpin.proof.equations import derivatives
 from ccpin.proof.newton import Boxes

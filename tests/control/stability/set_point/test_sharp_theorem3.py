@@ -164,7 +164,7 @@ def asked(monkeypatch):
     monkeypatch.setattr(module, "require_about", lambda *_: None)
     monkeypatch.setattr(module, "cells_around", lambda *_: store)
     monkeypatch.setattr(module, "cells_of_atlas", lambda *_: store)
-    monkeypatch.setattr(module, "SetPointEquations", SimpleNamespace(of=lambda law, reading: (law, reading)))
+    monkeypatch.setattr(module, "equations_of", lambda law, reading: (law, reading))
     monkeypatch.setattr(module, "proved_of_cells", lambda kind, *given: told.asked.append(given) or told.fact())
     monkeypatch.setattr(module, "_sampled", lambda *_: "sampled")
     told.atlas = Atlas(boxes=SimpleNamespace(kappa=np.zeros(5)))

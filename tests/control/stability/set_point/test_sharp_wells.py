@@ -16,7 +16,8 @@ from ccpin.control.stability.set_point.gains import (
     _what_is_too_much,
     gravity_slope_over,
 )
-from ccpin.control.stability.set_point.well import SetPoint, Well, _efforts, set_point_of, wells
+from ccpin.control.stability.set_point.set_point_reading import set_point_of
+from ccpin.control.stability.set_point.well import SetPoint, Well, _efforts, wells
 from ccpin.errors import InvalidInputError, UnattainableGainsError
 from tests.support.paper import GOAL, K_P, K_V
 

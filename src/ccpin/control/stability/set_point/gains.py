@@ -27,10 +27,10 @@ from ccpin.arrays import Array, number, positive
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.cell_facts import proved_of_cells
 from ccpin.control.stability.set_point.certified_cells import CellStore, aligned
+from ccpin.control.stability.set_point.sampled_region import checked_region, sample_region
 from ccpin.control.stability.set_point.set_point_cells import SlopeBounded
-from ccpin.control.stability.set_point.set_point_equations import SetPointEquations
+from ccpin.control.stability.set_point.set_point_reading import equations_of
 from ccpin.control.stability.set_point.starting_cells import cells_of_atlas
-from ccpin.control.stability.set_point.well import checked_region, sample_region
 from ccpin.covering.region import Corners
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.closures.packing import require_about
@@ -205,7 +205,7 @@ def _proved(law: PDSimpleGravity, store: CellStore, atlas: Atlas, cells: tuple[i
     """The fact about an atlas's cells by those that were proved for it, or why there is none."""
     over = aligned(atlas.lower, atlas.upper)
     try:
-        return proved_of_cells(SlopeBounded, SetPointEquations.of(law, store.reading), store, cells, *over), ""
+        return proved_of_cells(SlopeBounded, equations_of(law, store.reading), store, cells, *over), ""
     except NotProvedError as error:
         return None, f"that was found, and did not hold when it was to be proved: {error}"
 

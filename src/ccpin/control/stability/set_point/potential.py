@@ -11,10 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, apply, cross
-from ccpin.domain.closures.scalar_coordinates import elementary_joints
-from ccpin.domain.closures.system import Reading, chain_of, steps_along
-from ccpin.errors import UnsupportedMechanismError
-from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.chains import Chain, ChainStack, gather, stack_chains
 from ccpin.proof.equations import Problem, derivatives
 from ccpin.proof.newton import Boxes
@@ -266,31 +262,6 @@ class BodiesAndSprings(NamedTuple):
     rest: Array
 
 
-def masses_of(mechanism: Mechanism, reading: Reading, gravity: Array | None = None) -> BodiesAndSprings:
-    """The bodies and springs of a mechanism in the chart of its closures, under gravity (m/s²; default the file's).
-
-    Raises:
-        UnsupportedMechanismError: No movable link has mass, or a ball joint has a spring.
-    """
-    model, joints, size = mechanism.tree.model, mechanism.joints, reading.system.n_free
-    for joint in mechanism.tree.joints:
-        if joint.stated.stiffness and joint.kind.unit:
-            raise UnsupportedMechanismError(f"the spring of the {joint.kind.name} joint '{joint.name}' is not bounded")
-    elementary = elementary_joints(mechanism, reading.chart)
-    gravity = np.asarray(model.gravity.linear) if gravity is None else gravity
-    chains = []
-    for number, inertia in enumerate(model.inertias):
-        if number == 0 or inertia.mass == 0.0:
-            continue
-        path = steps_along(elementary, list(model.supports[number])[1:])
-        chains.append(chain_of(path, np.asarray(inertia.lever), False, -inertia.mass * gravity[None]))
-    if not chains:
-        raise UnsupportedMechanismError(
-            f"{mechanism.name}: no movable link has mass, so there is no potential to bound"
-        )
-    return BodiesAndSprings(tuple(chains), _padded(joints.stiffness, size), _padded(joints.spring_reference, size))
-
-
 def potential_of(masses: BodiesAndSprings) -> Potential:
     """V′ of bodies and springs."""
     chains, size = masses.chains, len(masses.stiffness)
@@ -304,11 +275,6 @@ def potential_of(masses: BodiesAndSprings) -> Potential:
         rest=masses.rest,
         rounding=(128.0 * (depth + 2) + 4.0 * size) * UNIT_ROUNDOFF,
     )
-
-
-def _padded(values: Array, size: int) -> Array:
-    """Values of the joints (n′,), zero for the angles of rods, of shape (size,)."""
-    return np.concatenate([values, np.zeros(size - len(values))])
 
 
 def potential_values(potential: Potential, theta: Array) -> PotentialValues:

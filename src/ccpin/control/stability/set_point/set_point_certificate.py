@@ -15,7 +15,7 @@ from ccpin.arrays import Array, vector
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.certified_cells import holding
 from ccpin.control.stability.set_point.flood import Limit
-from ccpin.control.stability.set_point.set_point_equations import SetPointEquations
+from ccpin.control.stability.set_point.set_point_reading import equations_of
 from ccpin.control.stability.set_point.sublevel_claim import SublevelProved
 from ccpin.domain.closures.system import Reading
 from ccpin.errors import CcpinError
@@ -124,7 +124,7 @@ class SetPointCertificate(Judged):
         if type(fact.claim) is not SublevelProved:
             return False
         told = (self.level, self.beta) == (fact.found["level"][0], fact.found["beta"][0])
-        return self.rigorous and told and SetPointEquations.of(self.law, region.reading).digest == fact.digest
+        return self.rigorous and told and equations_of(self.law, region.reading).digest == fact.digest
 
     @property
     def assumes(self) -> tuple[str, ...]:

@@ -13,19 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from ccpin.arrays import Array
-from ccpin.control.laws import PDSimpleGravity, least_eigenvalue
+from ccpin.arrays import Array, least_eigenvalue
 from ccpin.control.stability.set_point.potential import (
     BodiesAndSprings,
     Potential,
-    masses_of,
     potential_of,
     potential_values,
 )
-from ccpin.control.stability.set_point.well import SetPoint, set_point_of
-from ccpin.domain.closures.system import Reading
+from ccpin.control.stability.set_point.well import SetPoint
 from ccpin.proof.digests import digest
-from ccpin.proof.equations import Closures, closure_values, closures_of, row_of
+from ccpin.proof.equations import Closures, closure_values, row_of
 from ccpin.proof.facts import known, require, sealed
 
 _OWN = 1e-8  # of the terms' sizes: what g(q_d) and V(q_d) of the law may be off from V′'s
@@ -62,18 +59,6 @@ class SetPointEquations:
 
     def __reduce__(self) -> tuple[type[SetPointEquations], tuple[Any, ...]]:
         return SetPointEquations, (self.closures, self.masses, self.theta, self.law)
-
-    @classmethod
-    def of(cls, law: PDSimpleGravity, reading: Reading) -> SetPointEquations:
-        """Those of a law over closures that are read off its mechanism.
-
-        Raises:
-            NotProvedError: They are none.
-        """
-        model, theta = law.model, reading.theta(law.q_free_d)
-        theta[reading.system.independent] = law.q_d
-        masses = masses_of(model.mechanism, reading, model.gravity_vector)
-        return cls(closures_of(reading.problem), masses, theta, set_point_of(law))
 
     @property
     def sizes(self) -> Mapping[str, int]:

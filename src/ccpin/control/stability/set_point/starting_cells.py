@@ -18,8 +18,9 @@ from ccpin.arrays import Array, Indices, Mask
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.certified_cells import CellStore, holding
 from ccpin.control.stability.set_point.flood import FloodLimits
-from ccpin.control.stability.set_point.potential import Potential, gravity_bounds, masses_of, potential_of
-from ccpin.control.stability.set_point.well import Well, set_point_of, wells
+from ccpin.control.stability.set_point.potential import Potential, gravity_bounds, potential_of
+from ccpin.control.stability.set_point.set_point_reading import masses_of, set_point_of
+from ccpin.control.stability.set_point.well import Well, wells
 from ccpin.covering.faces import contacts_of
 from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.covering.proposals.solving import glued

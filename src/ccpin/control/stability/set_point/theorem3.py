@@ -11,16 +11,17 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import listener, whole
+from ccpin.arrays import least_eigenvalue, listener, whole
 from ccpin.control.control_law import kind_of
-from ccpin.control.laws import PDSimpleGravity, least_eigenvalue
+from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.cell_facts import proved_of_cells
 from ccpin.control.stability.set_point.flood import Flood, Flooded, FloodLimits
+from ccpin.control.stability.set_point.sampled_region import checked_region, sample_region
 from ccpin.control.stability.set_point.set_point_certificate import MemberCells, SampledRegion, SetPointCertificate
-from ccpin.control.stability.set_point.set_point_equations import SetPointEquations
+from ccpin.control.stability.set_point.set_point_reading import equations_of
 from ccpin.control.stability.set_point.starting_cells import cells_around, cells_of_atlas
 from ccpin.control.stability.set_point.sublevel_claim import SublevelProved
-from ccpin.control.stability.set_point.well import Well, checked_region, sample_region
+from ccpin.control.stability.set_point.well import Well
 from ccpin.covering.region import Corners
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.closures.packing import require_about
@@ -125,9 +126,7 @@ def certify_law(
         level_domain, proved, sublevel, limit = found.level, store.proved, None, found.limit
         if found.level > 0.0:
             try:
-                sublevel = proved_of_cells(
-                    SublevelProved, SetPointEquations.of(law, store.reading), store, found.members
-                )
+                sublevel = proved_of_cells(SublevelProved, equations_of(law, store.reading), store, found.members)
             except NotProvedError:
                 limit = "refused"
         if found.limit in ("gain", "depth"):

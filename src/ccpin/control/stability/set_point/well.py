@@ -6,18 +6,12 @@ Hessian is K_p + ∂g/∂q.
 
 from __future__ import annotations
 
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, whole
-from ccpin.control.laws import PDSimpleGravity
+from ccpin.arrays import Array, Indices
 from ccpin.control.stability.set_point.potential import GravityBounds
-from ccpin.covering.region import Corners, corners_of
-from ccpin.dynamics.reduced_model import ReducedModel, model_of
-from ccpin.errors import InvalidInputError
-from ccpin.mechanism.mechanism import Mechanism
 
 _ROUNDING = 1e-12  # of the terms' sizes and of singular values: covers their rounding in doubles
 _SWEEPS = 200  # over all coordinates, at most
@@ -114,15 +108,6 @@ class SetPoint(NamedTuple):
     motors: Array | None
 
 
-def set_point_of(law: PDSimpleGravity) -> SetPoint:
-    """The numbers of a law."""
-    mechanism, still = law.model.mechanism, np.zeros(law.model.n)
-    on_q = mechanism.actuated == mechanism.independent
-    potential_d = float(law.model.energy(law.q_d, still, law.q_free_d).potential)
-    motors = None if on_q else mechanism.actuation
-    return SetPoint(law.q_d, law.K_p, law.K_v, law.gravity_d, potential_d, motors)
-
-
 def wells(law: SetPoint, centres: Array, half: Array, slopes: Array, bounds: GravityBounds) -> list[Well]:
     """U over B boxes with centres and half-widths (B, n), and D (B, n′, n), σ's slopes at the centres."""
     norms, efforts, found = bounds.norm, _efforts(law, slopes, bounds.turning), []
@@ -159,59 +144,3 @@ def _efforts(law: SetPoint, slopes: Array, turning: Array) -> Array:
     moved = np.linalg.norm(np.abs(motors) @ turning[:, : motors.shape[1]], axis=(1, 2))
     singular = np.linalg.svd(driven, compute_uv=False)
     return np.asarray(singular[:, -1] - _ROUNDING * singular[:, 0] - moved)
-
-
-# U and ‖∂g/∂q‖ on a grid over a region: estimates, where nothing is proved.
-
-_POINTS = 2500  # of a grid, about; a choice: it is looked at, nothing is proved by it
-
-
-class RegionSamples(NamedTuple):
-    """A grid over [lower, upper], corners and faces included.
-
-    Attributes:
-        q: Of shape (N, n).
-        potential: V(σ(q)) in joules, of shape (N,).
-        norm: ‖∂g/∂q‖₂, of shape (N,).
-        edge: Whether a point lies on the region's boundary, of shape (N,).
-    """
-
-    q: Array
-    potential: Array
-    norm: Array
-    edge: Mask
-
-
-def checked_region(model: ReducedModel, region: Corners, q_d: Array) -> tuple[Array, Array]:
-    """The corners of a region that holds q_d.
-
-    Raises:
-        InvalidInputError: Corners of the wrong shape or order, or q_d outside.
-    """
-    lower, upper = corners_of(region, model.mechanism.independent)
-    if not np.all((lower <= q_d) & (q_d <= upper)):
-        raise InvalidInputError(f"the set point {q_d} lies outside of the region from {lower} to {upper}")
-    return lower, upper
-
-
-def sample_region(
-    model: ReducedModel | Mechanism, lower: Array, upper: Array, q_free_d: Array, points: int = _POINTS
-) -> RegionSamples:
-    """Evaluate on a grid of about `points` points (at least 3 a coordinate), on the branch of q′_d.
-
-    Raises:
-        UnreachableError, SingularConfigurationError: σ does not exist on all of the region.
-    """
-    model = model_of(model)
-    lower, upper = corners_of((lower, upper), model.mechanism.independent)
-    count = max(3, int(whole(points, "points") ** (1.0 / model.n)))
-    indices = np.array(list(product(range(count), repeat=model.n)))
-    q = lower + (upper - lower) * indices / (count - 1)
-    potential, norm, near = np.empty(len(q)), np.empty(len(q)), q_free_d
-    rest = np.zeros(model.n)
-    for k, point in enumerate(q):
-        near = model.sigma(point, q_free_d if indices[k, -1] == 0 else near)
-        potential[k] = model.energy(point, rest, near).potential
-        norm[k] = np.linalg.norm(model.gravity_derivative(point, near), 2)
-    edge = np.any((indices == 0) | (indices == count - 1), axis=1)
-    return RegionSamples(q, potential, norm, np.asarray(edge))

@@ -15,7 +15,6 @@ from scipy.linalg import solve_continuous_lyapunov
 from ccpin.arrays import Array
 from ccpin.control.stability.tracking.cell_forms import CellForms
 from ccpin.control.stability.tracking.motion_bounds import Motion
-from ccpin.control.statements import LawKind
 from ccpin.proof.balls import product
 from ccpin.proof.facts import require
 
@@ -27,7 +26,7 @@ _KEPT = 0.98  # of the α a P was made for: leaves W − αP definite with room
 class Feedback(NamedTuple):
     """What the theorem takes of a law: its kind, and its gains K_p and K_v, of shape (n, n)."""
 
-    kind: LawKind
+    kind: str
     K_p: Array
     K_v: Array
 
@@ -62,7 +61,7 @@ class ErrorEquation(NamedTuple):
     choices: Callable[[Feedback, Array, Array], list[StorageChoice]]
 
 
-def equation_of(kind: LawKind) -> ErrorEquation:
+def equation_of(kind: str) -> ErrorEquation:
     """The equation of the error under laws of a kind.
 
     Raises:
@@ -104,7 +103,7 @@ def _crossed(law: Feedback, scale: Array, D: Array) -> list[StorageChoice]:
     return [StorageChoice(2.0 * c * share, c, scale, None) for c in largest * _CROSS for share in _DECAYS[::2]]
 
 
-ERROR_EQUATIONS: Mapping[LawKind, ErrorEquation] = MappingProxyType(
+ERROR_EQUATIONS: Mapping[str, ErrorEquation] = MappingProxyType(
     {
         "computed_torque": ErrorEquation(_with_feedback, True, _ellipsoids),
         "pd_plus": ErrorEquation(_of_reference, False, _crossed),
