@@ -12,9 +12,10 @@ import time
 import numpy as np
 
 import ccpin
-from ccpin.paper.study import GOAL, K_P, K_V, START
 from ccpin.validated import certify_move
 
+START, GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])  # the paper's first move
+K_P, K_V = [11.0, 11.0], [0.65, 0.60]  # N m/rad and N m s/rad, the paper's
 PRECISION = 128  # bits of the balls' middles
 SPREAD = (np.radians(0.5), 0.02)  # rad, rad/s
 LEVELS = (2.9, 1.0, 0.1)  # J

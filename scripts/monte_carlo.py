@@ -17,10 +17,11 @@ import ccpin
 from ccpin import plotting, sweep
 from ccpin.control import PDSimpleGravity
 from ccpin.description import scaled
-from ccpin.paper.study import GOAL, K_P, K_V, START
 from ccpin.simulation import latin_hypercube, set_point_metrics
 
 OUT = Path("out/monte_carlo")
+START, GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])  # the paper's first move
+K_P, K_V = [11.0, 11.0], [0.65, 0.60]  # N m/rad and N m s/rad, the paper's
 FRICTION = {"joint1": (0.2, 0.02), "joint2": (0.2, 0.02), "joint3": (0.02, 0.002), "joint4": (0.02, 0.002)}
 LINKS = ("link1", "link2", "link3", "link4")
 SPREAD = 0.2  # of each number, to both sides
