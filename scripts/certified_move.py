@@ -14,11 +14,9 @@ import numpy as np
 import ccpin
 from ccpin.validated import certify_move
 
-Q_START = np.radians([-150.0, -160.0])
-Q_GOAL = np.radians([-90.0, -100.0])
-K_P = [11.0, 11.0]
-K_V = [0.65, 0.60]
-PRECISION = 128
+START, GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])  # the paper's first move
+K_P, K_V = [11.0, 11.0], [0.65, 0.60]  # N m/rad and N m s/rad, the paper's
+PRECISION = 128  # bits of the balls' middles
 SPREAD = (np.radians(0.5), 0.02)  # rad, rad/s
 LEVELS = (2.9, 1.0, 0.1)  # J
 
@@ -26,8 +24,8 @@ LEVELS = (2.9, 1.0, 0.1)  # J
 def main(*levels: float) -> bool:
     """Certify the move for each case (or each level given) and print a table; True where all are proven."""
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
-    law = ccpin.control.PDSimpleGravity(model, Q_GOAL, K_P, K_V)
-    certificate = ccpin.control.certify_set_point(model, Q_GOAL, K_P, K_V)
+    law = ccpin.control.PDSimpleGravity(model, GOAL, K_P, K_V)
+    certificate = ccpin.control.certify_set_point(model, GOAL, K_P, K_V)
     cases = [(level, 0.0) for level in (certificate.level, *(levels or LEVELS))]
     cases += [] if levels else [(certificate.level, SPREAD)]
     print(f"Theorem 3 is proved for c = {certificate.level:.4f} J (rigorous: {certificate.rigorous})")
@@ -36,7 +34,7 @@ def main(*levels: float) -> bool:
     for level, spread in cases:
         began = time.perf_counter()
         arrival = certificate if level == certificate.level else level
-        move = certify_move(model, law, Q_START, arrival=arrival, spread=spread, precision=PRECISION)
+        move = certify_move(model, law, START, arrival=arrival, spread=spread, precision=PRECISION)
         spent = time.perf_counter() - began
         enclosure = move.enclosure
         about = f"all starts within ±{np.degrees(SPREAD[0]):g}° and ±{SPREAD[1]:g} rad/s" if spread else "one start"

@@ -31,8 +31,8 @@ from ccpin.simulation import set_point_metrics
 
 OUT = Path("out/compare_laws")
 BAND = np.radians(2.0)
-SAMPLE_PERIOD = 2e-3
-PASSES = 3
+SAMPLE_PERIOD = 2e-3  # s
+PASSES = 3  # of which the best is told: other work on the machine slows some
 WIDTHS = (4.0, 1.6, 1.6, 1.6, 4.0, 1.6)  # wide where another law covers the curve
 
 

@@ -13,8 +13,8 @@ REQUIRED = (0.60, 0.45)  # rad of pitch and roll to both sides
 LINKS = {"cranks": ("left_crank", "right_crank"), "foot": ("foot",)}
 RANGES = {"cranks": (0.7, 1.6), "foot": (0.7, 1.6)}
 FEET = {"roll": (-0.9, 0.9)}  # the foot's own joint is to allow what the rods do
-EVALUATIONS = 40
-TOLERANCE = 0.05
+EVALUATIONS = 40  # designs tried
+TOLERANCE = 0.05  # of the cube's size: designs that differ by less are as good
 
 
 def main(evaluations=EVALUATIONS, model=MODEL):

@@ -25,7 +25,7 @@ TASKS = {
 }
 MOVE, WAIT = 0.4, 0.1  # seconds
 OMEGA = 40.0  # of computed torque, rad/s
-SAMPLE_PERIOD = 0.01
+SAMPLE_PERIOD = 0.01  # s
 ARRIVED = {"band": 1e-4, "speed": 1e-3, "hold": 0.02}
 
 

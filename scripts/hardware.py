@@ -16,7 +16,7 @@ from ccpin.files import write_atomically
 from ccpin.simulation import set_point_metrics
 
 OUT = Path("out/hardware")
-DURATION = 1.0
+DURATION = 1.0  # s
 BAND = np.radians(2.0)
 
 

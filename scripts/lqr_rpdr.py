@@ -15,7 +15,7 @@ UPWARD = np.radians([90.0, -30.0, 90.0, 30.0])  # joint1, joint3, joint2, joint4
 Q_START = np.radians([100.0, 75.0])
 STATE_WEIGHT = np.diag([100.0, 100.0, 1.0, 1.0])  # per rad² and (rad/s)²
 EFFORT_WEIGHT = np.diag([1.0, 1.0])  # per (N m)²
-DURATION = 3.0
+DURATION = 3.0  # s
 
 
 def main() -> None:

@@ -20,16 +20,14 @@ from ccpin.description import scaled
 from ccpin.simulation import latin_hypercube, set_point_metrics
 
 OUT = Path("out/monte_carlo")
-Q_START = np.radians([-150.0, -160.0])
-Q_GOAL = np.radians([-90.0, -100.0])
-K_P = [11.0, 11.0]
-K_V = [0.65, 0.60]
+START, GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])  # the paper's first move
+K_P, K_V = [11.0, 11.0], [0.65, 0.60]  # N m/rad and N m s/rad, the paper's
 FRICTION = {"joint1": (0.2, 0.02), "joint2": (0.2, 0.02), "joint3": (0.02, 0.002), "joint4": (0.02, 0.002)}
 LINKS = ("link1", "link2", "link3", "link4")
-SPREAD = 0.2
-CASES = 256
-DURATION = 1.0
-SAMPLES = 51
+SPREAD = 0.2  # of each number, to both sides
+CASES = 256  # robots
+DURATION = 1.0  # s
+SAMPLES = 51  # along a motion, for the picture
 BAND = np.radians(2.0)
 
 
@@ -39,12 +37,12 @@ def move(case: dict[str, float], nominal: ccpin.ReducedModel) -> dict[str, objec
     description = scaled(nominal.mechanism.settled(), masses=masses, armature=case["rotors"])
     robot = ccpin.ReducedModel(ccpin.load(description))
     friction = {joint: tuple(np.multiply(case[f"friction_{joint}"], pair)) for joint, pair in FRICTION.items()}
-    law = PDSimpleGravity(nominal, Q_GOAL, K_P, K_V)
+    law = PDSimpleGravity(nominal, GOAL, K_P, K_V)
     period = DURATION / (SAMPLES - 1)
     motion = ccpin.simulate(
-        robot, law, Q_START, duration=DURATION, friction=friction, rtol=1e-7, atol=1e-9, sample_period=period / 10
+        robot, law, START, duration=DURATION, friction=friction, rtol=1e-7, atol=1e-9, sample_period=period / 10
     )
-    found = set_point_metrics(motion, robot, Q_GOAL, BAND).as_json()
+    found = set_point_metrics(motion, robot, GOAL, BAND).as_json()
     degrees = np.degrees(motion.q[::10])
     return found | {"status": motion.status, "q1": degrees[:, 0].tolist(), "q2": degrees[:, 1].tolist()}
 
@@ -57,9 +55,7 @@ def draw(study) -> Figure:
         figure.suptitle(f"RPDR, the paper's move on {len(rows)} robots within ±{100 * SPREAD:.0f} %")
         panels = figure.subplots(2, 2)
         t = np.linspace(0.0, DURATION, SAMPLES)
-        for panel, name, goal, colour in zip(
-            panels[0], ("q1", "q2"), np.degrees(Q_GOAL), plotting.COLOURS, strict=False
-        ):
+        for panel, name, goal, colour in zip(panels[0], ("q1", "q2"), np.degrees(GOAL), plotting.COLOURS, strict=False):
             low, *_, high = bands = np.percentile([row[name] for row in rows], [0, 5, 50, 95, 100], axis=0)
             panel.fill_between(t, low, high, color=colour, alpha=0.18, linewidth=0, label="all")
             panel.fill_between(t, bands[1], bands[3], color=colour, alpha=0.35, linewidth=0, label="5 % to 95 %")

@@ -14,7 +14,7 @@ from ccpin import paper, plotting
 from ccpin.simulation import lyapunov_along
 
 OUT = Path("out/theorem3")
-DURATION = 0.8
+DURATION = 0.8  # s
 
 
 def main(out: Path = OUT) -> None:

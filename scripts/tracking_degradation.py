@@ -30,10 +30,10 @@ from ccpin.files import write_atomically
 from ccpin.plotting import COLOURS, STYLE
 
 OUT = Path("out/tracking_degradation")
-PERIODS = (5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
-SIGMA_ERRORS = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
-MAX_NEWTON_STEPS = 3
-MOVE, DURATION = 0.3, 0.4
+PERIODS = (5e-4, 1e-3, 2e-3, 4e-3, 8e-3)  # s between samples of the law
+SIGMA_ERRORS = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)  # rad, of the dependent coordinates
+MAX_NEWTON_STEPS = 3  # a sample, of σ on line
+MOVE, DURATION = 0.3, 0.4  # s: of the move, and of what is simulated
 OPTIONS = {"duration": DURATION, "rtol": 1e-7, "atol": 1e-9, "sample_period": 5e-3}
 
 

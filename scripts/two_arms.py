@@ -18,7 +18,7 @@ from ccpin.description import Inertia, Joint, Link, Part, Shape, Visual, combine
 
 OUT = Path("out/two_arms")
 ARM = "ur_description/urdf/ur5_robot.urdf"
-APART, BAR_LENGTH, BAR_MASS = (1.0243, 0.2183, 0.0), 0.35, 1.5
+APART, BAR_LENGTH, BAR_MASS = (1.0243, 0.2183, 0.0), 0.35, 1.5  # m, m, kg
 ELBOW_UP = {
     "shoulder_pan_joint": 0.0,
     "shoulder_lift_joint": -1.9,
@@ -28,8 +28,7 @@ ELBOW_UP = {
     "wrist_3_joint": 0.0,
 }
 DURATION, LIFT = 1.0, np.array([0.15, 0.10, -0.10, 0.0, 0.0, 0.0])
-ORANGE = (0.9, 0.5, 0.1, 1.0)
-STIFFNESS, DAMPING = 400.0, 40.0
+STIFFNESS, DAMPING = 400.0, 40.0  # of every motor: N m/rad, N m s/rad
 
 
 def robot_data() -> Path:

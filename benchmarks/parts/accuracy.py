@@ -18,7 +18,7 @@ from tests.oracles import rpdr as oracle
 from tests.support.paper import GOAL, K_P, K_V, MODES, START, order, to_free
 
 PART = "accuracy"
-STATES, SWING_SECONDS = 1000, 60.0
+STATES, SWING_SECONDS = 1000, 60.0  # random states; a minute, in which drift of energy and closure shows
 HANGING = np.radians([-82.180, -97.823])
 
 

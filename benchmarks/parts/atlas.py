@@ -18,7 +18,7 @@ from tests.oracles import rpdr
 
 PART = "atlas"
 WHO = "ccpin"
-TORUS_SHARE = 0.999
+TORUS_SHARE = 0.999  # certified or empty, of the RPDR's torus: the time to it is told
 TO_SHARE, DECIDED = "99.9 % of the torus's branch certified", "99.9 % of the torus certified or proved empty"
 WHOLE, EXPONENT = "default certify", "exponent of time in boxes"
 
@@ -38,9 +38,9 @@ MAPS = (
     Map("planar_3rrr", (-0.675, 1.419, -2.769), ((-1.175, 0.919, -3.269), (-0.175, 1.919, -2.269)), (3, 4, 5)),
     Map("delta", (0.0, 0.0, 0.0), ((-0.4,) * 3, (0.7,) * 3), (4,)),
 )
-SQUARES = ((-108.0, -72.0), (-108.0, -48.0), (-108.0, -120.0), (-70.0, -110.0))
+SQUARES = ((-108.0, -72.0), (-108.0, -48.0), (-108.0, -120.0), (-70.0, -110.0))  # degrees, of the RPDR
 BALLS = ("four_bar", "rpdr", "planar_3rrr", "delta", "stewart", "hexa")
-BALLS_A_PATH, TUBE = 30.0, 1e-4
+BALLS_A_PATH, TUBE = 30.0, 1e-4  # a path's length in radii of the ball at its start; its half width, rad
 
 
 def measure(options: Options) -> Iterator[Measured]:

@@ -17,7 +17,7 @@ from benchmarks.timing import Timing, timed
 PART = "batches"
 DYNAMICS, TERMS, SIGMA, DERIVATIVES = "a row of q̈", "a row of D, C, g", "a row of σ", "a row of ∂q̈"
 THREADS = "two threads over one (wall clock)"
-ROUNDS, NUMPY_ROWS = 3, 200
+ROUNDS, NUMPY_ROWS = 3, 200  # at most: the reference takes milliseconds a row
 FEWER = 10  # derivatives are taken of so many times fewer rows
 
 Run = tuple[Callable[[int], object], int]  # called with the number of threads; how many rows it does

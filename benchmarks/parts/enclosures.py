@@ -21,7 +21,7 @@ from tests.support.paper import GOAL, K_P, K_V, START, to_paper
 PART, WHO, PEER = "enclosures", "ccpin", "Codac, CtcLohner"
 UNTIL, COST = "time enclosed", "CPU time"
 RADII = (0.0, 1e-5, np.radians(0.5))
-STEP, SHORT, LONG, OURS = 2e-4, 0.002, 0.03, 0.1
+STEP, SHORT, LONG, OURS = 2e-4, 0.002, 0.03, 0.1  # s: the peer's step; a quick look, the peer's motion, ours
 EXACT = 1e-9  # what an exact start is for the sets of starts
 
 

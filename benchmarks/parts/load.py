@@ -13,7 +13,7 @@ from benchmarks.timing import in_turn
 from tests.support.families import walker
 
 PART, LOAD, IMPORT = "load", "load", "import ccpin and its first name"
-ROUNDS, LEGS = 5, 14
+ROUNDS, LEGS = 5, 14  # at most; a walker of as many legs, whose clusters are loaded one by one
 WALKERS = {f"walker of {LEGS} legs": walker(LEGS), f"walker of {LEGS} legs, limits": walker(LEGS, limit=0.5)}
 IMPORTS = (
     "import time; began = time.process_time(); import ccpin; ccpin.ReducedModel; print(time.process_time() - began)"

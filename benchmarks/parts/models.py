@@ -22,8 +22,8 @@ WITH_SIGMA, STEP, DERIVATIVES = "q̈ with σ from 1e-2 rad away", "a step of 1 m
 KERNEL, ANEW = "kernel alone", "kernel, another q′ each time"
 DIFFERENCES = "central differences, native"
 ERROR = "q̈′ differs from the reference's by"
-STEP_OF_DIFFERENCES = 1e-6
-PERIOD, STRETCH = 1e-3, 20
+STEP_OF_DIFFERENCES = 1e-6  # rad, m: of central differences, near the cube root of a rounding
+PERIOD, STRETCH = 1e-3, 20  # s a step, and steps before the motion begins anew
 PEERS = {DERIVATIVES: (DERIVATIVES, PINOCCHIO), STEP: (STEP, MUJOCO)}
 """What ratios are to; otherwise Pinocchio's q̈."""
 

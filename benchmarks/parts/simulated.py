@@ -29,8 +29,8 @@ from tests.support.paper import GOAL, K_P, K_V, START, to_paper
 PART, SUBJECT = "simulated", "the paper's move, 1 s"
 COST, ERROR, CLOSURE, SAME = "CPU time", "largest error of q", "largest ‖φ‖", "samples differ from NumPy's by"
 REFERENCE = "closed forms (31)–(40), DOP853"
-SAMPLE, COUNT = 1e-3, 1000
-MOST_ROUNDS = 5
+SAMPLE, COUNT = 1e-3, 1000  # s between samples; a second in all
+MOST_ROUNDS = 5  # of whole motions, which take seconds in some peers
 METHODS, STEPS = ("RK45", "DOP853"), (1e-3, 1e-4)
 RK4 = "MuJoCo RK4 at {:g}".format
 SAP = "Drake SAP at {:g}".format

@@ -16,7 +16,7 @@ try:
 except ImportError:
     mujoco = None
 
-ITERATIONS, TOLERANCE = 20, 1e-14
+ITERATIONS, TOLERANCE = 20, 1e-14  # of MuJoCo's solver: to rounding, as we solve
 STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp
 
 

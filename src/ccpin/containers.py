@@ -87,9 +87,10 @@ def read_npz(file: IO[bytes], check: Check) -> tuple[dict[str, Any], NamedArrays
         outlines = {name: _outline(archive, member) for name, member in members.items()}
         if outlines.get(_HEADER, ArrayOutline(np.dtype(float), ())).dtype != np.uint8:
             raise InvalidInputError("it has no header: it is none of ccpin's documents, or older than they are")
-        header = _parsed(_numbers(archive, members.pop(_HEADER), outlines.pop(_HEADER)).tobytes())
+        header = _parsed(_numbers(archive, members.pop(_HEADER)).tobytes())
+        outlines.pop(_HEADER)
         check(header, outlines)
-        numbers = {name: _numbers(archive, members[name], outline) for name, outline in outlines.items()}
+        numbers = {name: _numbers(archive, member) for name, member in members.items()}
     return _undamaged(header, numbers)
 
 
@@ -201,7 +202,7 @@ def _npy_header(stream: IO[bytes], name: str) -> tuple[np.dtype[Any], tuple[int,
     return dtype, shape, fortran
 
 
-def _numbers(archive: zipfile.ZipFile, member: zipfile.ZipInfo, outline: ArrayOutline) -> NDArray[Any]:
+def _numbers(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
     stream = io.BytesIO(archive.read(member))
     dtype, shape, fortran = _npy_header(stream, member.filename)
     found = np.frombuffer(stream.read(), dtype=dtype)

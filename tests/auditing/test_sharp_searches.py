@@ -495,7 +495,7 @@ def test_a_singular_configuration_is_proved_by_a_contraction(monkeypatch, row, s
     told = Krawczyk(value, rest, row, (2 * row) % 5)
     inside = []
     monkeypatch.setattr(singular_points, "_extended", told)
-    monkeypatch.setattr(singular_points, "_inside", lambda document, q, cell: inside.append(q) or True)
+    monkeypatch.setattr(singular_points, "_inside", lambda q, cell: inside.append(q) or True)
     document = SimpleNamespace(independent=np.array([0, 3]), dependent=np.array([1, 2]))
     closures = SimpleNamespace(m=2, n_free=4)
     theta, way, weak = np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.5, -0.25]), np.array([6.0, 8.0])
@@ -579,5 +579,5 @@ def test_q_is_in_a_cell_by_all_coordinates_that_are_not_held():
         for other in (arb(-1.0, 0.05), arb(-1.0, 0.2)):
             wide = other.contains(-1.1)
             cell = np.array([low, -1.1]), np.array([high, -0.9])
-            assert singular_points._inside(None, [arb(1.0, 0.05), other], cell) == (good and not wide)
-    assert singular_points._inside(None, [arb(1.0, 0.05)], (np.array([0.94]), np.array([1.06])))
+            assert singular_points._inside([arb(1.0, 0.05), other], cell) == (good and not wide)
+    assert singular_points._inside([arb(1.0, 0.05)], (np.array([0.94]), np.array([1.06])))

@@ -10,7 +10,7 @@ import pytest
 from ccpin.covering import pruning
 from ccpin.covering.cells import Cells, CellStatus, CellTree, Growing, leaves_about, leaves_holding, place
 from ccpin.covering.faces import _across
-from ccpin.covering.region import Region
+from ccpin.covering.region import Region, points_of
 from ccpin.errors import InvalidInputError
 from ccpin.proof.cell_tree import WHOLE
 from ccpin.proof.rounding import blur
@@ -283,3 +283,12 @@ def test_a_search_gives_back_all_it_does_not_drop(monkeypatch):
         np.testing.assert_allclose(np.bincount(found.cell, found.half[:, 1]), np.ones(count), rtol=1e-12)
     for budget, over in ((0, True), (1, False)):
         assert pruning.Pruning(runner, ranges, budget).over == over
+
+
+def test_points_have_a_finite_number_for_each_coordinate():
+    """One point or K of them, of as many columns as there are names."""
+    assert points_of([1.0, 2.0], ("a", "b")).tolist() == [[1.0, 2.0]]
+    assert points_of([[1.0], [2.0]], ("a",)).tolist() == [[1.0], [2.0]]
+    for wrong in (1.0, [1.0], [1.0, 2.0, 3.0], [[[1.0, 2.0], [3.0, 4.0]]], [1.0, np.nan], [[np.inf, 0.0], [0.0, 0.0]]):
+        with pytest.raises(InvalidInputError, match=r"2 finite columns \(a, b\)"):
+            points_of(wrong, ("a", "b"))

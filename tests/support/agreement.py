@@ -35,7 +35,7 @@ POWER = {
     "da_dv": (2, True),
     "da_du": (1, True),
 }
-_TIMES, _NEAR = 32, 1e-13
+_TIMES, _NEAR = 32, 1e-13  # times that a state is moved by a share of itself: what a rounding does to an answer
 
 
 def reference_model(mechanism, gravity=None):

@@ -17,7 +17,7 @@ from ccpin.errors import (
     NoLoopError,
 )
 
-SECONDS_A_CASE = 5.0
+SECONDS_A_CASE = 5.0  # of the processor's time, ten times as long by the clock
 VALUES = (
     *("", " ", "0", "-1", "nan", "inf", "-inf", "1e308", "1e400", "-1e-320", "0 0 0", "1 2", "1 2 3 4", "abc"),
     *(

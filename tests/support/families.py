@@ -6,7 +6,7 @@ from ccpin import LoopClosure, MechanismDescription
 from ccpin.description import Inertia, Joint, Link
 
 Z = np.array([0.0, 0.0, 1.0])
-CRANK, COUPLER, ROCKER, GROUND = 0.3, 0.8, 0.6, 0.7
+CRANK, COUPLER, ROCKER, GROUND = 0.3, 0.8, 0.6, 0.7  # m: a crank that turns all the way round (Grashof)
 START = 1.0
 """The crank's angle at the reference."""
 

@@ -19,6 +19,7 @@ from ccpin.domain import Atlas, SheetAtlas, SingularCover
 from ccpin.errors import CcpinError
 
 GROUPS = ("box_", "glued_", "members_", "left_", "singular_", "tube_", "uncovered_", "curve_", "tree_")
+# Newton's starts and steps; how far apart configurations are two, and how far from zero φ is none (rad, m).
 STARTS, STEPS, SEEN, CLOSED = 24, 20, 1e-6, 1e-9
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import ccpin
 from tests.support.places import ROOT
 
-LEG1 = 0.1498
+LEG1 = 0.1498  # m: the slice that the how-to shows
 WHOLE = np.array([[0.03, 0.03], [0.4, 0.4]])  # leg2 and leg3, m
 
 

@@ -11,8 +11,8 @@ MOVE_OPTIONS = ("--start-deg", "-150", "-160", "--goal-deg", "-90", "-100", "--k
 for _array in (START, GOAL, K_P, K_V):
     _array.flags.writeable = False
 
-MODES = (1, -1)
-COUNT = 1000
+MODES = (1, -1)  # the signs of the closed forms' roots
+COUNT = 1000  # random configurations a mode
 
 
 def order(mechanism):

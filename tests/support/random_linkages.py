@@ -12,7 +12,7 @@ import numpy as np
 from tests.oracles import linkage_counts as oracle
 from tests.support.carriages import Y, geared, joint, linkage, pin
 
-NEAR = 1e-7
+NEAR = 1e-7  # of a margin: closer to a fold or a limit the oracle's own rounding may tell the count
 
 
 class Case(NamedTuple):

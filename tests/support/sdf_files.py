@@ -43,7 +43,7 @@ def read(text, **options):
 
 # A four-bar as exporters write it: the rocker hangs on the ground, and a second joint leads from the coupler to it.
 GROUND, CRANK, COUPLER, ROCKER = 0.3, 0.2, 0.35, 0.25
-CRANK_ANGLE = 0.9
+CRANK_ANGLE = 0.9  # rad: any, at which the loop closes with its links apart
 
 
 def four_bar_points():

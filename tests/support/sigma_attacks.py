@@ -5,7 +5,7 @@ import numpy as np
 from ccpin.control import ControlLaw
 from ccpin.dynamics.state import State
 
-_STEP = 1e-6
+_STEP = 1e-6  # rad, m: of central differences
 
 
 def dependent_rows(model):

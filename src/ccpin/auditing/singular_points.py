@@ -69,7 +69,7 @@ def _on_line(
         near = [x + arb(0, r) for x in weights]
         image = A * _extended(closures, document, around, near, direction, weak)[1]
         if all(abs(f) + sum(row, arb(0)) * r < r for f, row in zip(value.entries(), defect(image), strict=True)):
-            return _inside(document, [around[int(i)] for i in q], cell)
+            return _inside([around[int(i)] for i in q], cell)
     return False
 
 
@@ -97,7 +97,7 @@ def _extended(
     return system.value(x, moved), system.jacobian(moved) * exact(moves)
 
 
-def _inside(document: ClaimedDocument, q: list[arb], cell: tuple[Array, Array]) -> bool:
+def _inside(q: list[arb], cell: tuple[Array, Array]) -> bool:
     """Whether q is in a cell, whose corners are outward by a rounding, in the coordinates that are not held."""
     return all(
         low == high or (x >= arb(float(low)) and x <= arb(float(high))) for x, low, high in zip(q, *cell, strict=True)

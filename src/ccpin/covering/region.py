@@ -105,3 +105,15 @@ def corners_of(region: Corners, names: Sequence[str], slices: bool = False) -> t
             + (" in one coordinate at least, and above it in none" if slices else "")
         )
     return corners[0], corners[1]
+
+
+def points_of(q: ArrayLike, names: Sequence[str]) -> Array:
+    """Points of q-space as an array (K, n), of one point too.
+
+    Raises:
+        InvalidInputError: They have not a finite number for each of the coordinates (n names).
+    """
+    points = np.atleast_2d(numbers(q, "q"))
+    if points.ndim != 2 or points.shape[1] != len(names) or not np.all(np.isfinite(points)):
+        raise InvalidInputError(f"q must have {len(names)} finite columns ({', '.join(names)})")
+    return points

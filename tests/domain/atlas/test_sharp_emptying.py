@@ -134,7 +134,7 @@ def searched(monkeypatch, tree, points, depth=4, rounds=1000, ranges="ranges", m
     reading = SimpleNamespace(problem=SimpleNamespace(system=system))
     monkeypatch.setattr(module, "all_values", lambda *_: ranges)
     monkeypatch.setattr(module, "Pruning", lambda *_: search)
-    monkeypatch.setattr(module, "_unsettled", lambda problem, tree, waiting: waiting)
+    monkeypatch.setattr(module, "_unsettled", lambda problem, waiting: waiting)
 
     monkeypatch.setattr(module, "over_all", over_all)
     runner = SimpleNamespace(check=lambda: None, problem=reading.problem)
@@ -182,7 +182,7 @@ def test_cells_are_as_small_as_told_in_every_coordinate(monkeypatch, depth, widt
     )
     monkeypatch.setattr(module, "all_values", lambda *_: "ranges")
     monkeypatch.setattr(module, "Pruning", lambda *_: search)
-    monkeypatch.setattr(module, "_unsettled", lambda problem, tree, waiting: waiting)
+    monkeypatch.setattr(module, "_unsettled", lambda problem, waiting: waiting)
 
     monkeypatch.setattr(module, "over_all", over_all)
     reading = SimpleNamespace(problem=SimpleNamespace(system=system))

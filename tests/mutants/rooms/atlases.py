@@ -66,7 +66,6 @@ ROOMS: tuple[Room, ...] = (
             "Atlas.status",
             "Atlas.sigma",
             "Atlas.verify",
-            "Atlas._points",
             "Atlas._box_numbers",
             "Atlas._cells_of",
         ),

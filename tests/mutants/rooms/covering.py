@@ -11,7 +11,15 @@ _BEGUN = "where Newton's method begins and what is tried: `certify_boxes` proves
 ROOMS: tuple[Room, ...] = (
     Room(
         "covering/region",
-        ("Region.width", "Region.span", "Region.position", "Region.cell_coordinates", "Region.reduce", "corners_of"),
+        (
+            "Region.width",
+            "Region.span",
+            "Region.position",
+            "Region.cell_coordinates",
+            "Region.reduce",
+            "corners_of",
+            "points_of",
+        ),
         _TESTS,
         (
             ("found -= (found > 0.0)", "not asked: found > 0.0", "no point within is below the lower corner"),

@@ -58,7 +58,6 @@ ROOMS: tuple[Room, ...] = (
             "SheetAtlas.cusps",
             "SheetAtlas._between",
             "SheetAtlas._over",
-            "SheetAtlas._points",
         ),
         _ANSWERS,
     ),

@@ -25,11 +25,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array, Mask, numbers
+from ccpin.arrays import Array, Mask
 from ccpin.covering.cells import CellStatus, CellTree, SingularCells, leaves_about, place
 from ccpin.covering.claims import proved_glue
 from ccpin.covering.proposals.solving import newton
-from ccpin.covering.region import Region
+from ccpin.covering.region import Region, points_of
 from ccpin.displays import boxes, table
 from ccpin.domain.atlas.cover_claims import ProvedCover, proved_cover, seams_of
 from ccpin.domain.atlas.emptying import empty_facts
@@ -262,13 +262,13 @@ class Atlas:
 
         Angles count modulo 2π on full turns.
         """
-        points = self._points(q)
+        points = points_of(q, self.names)
         certified = self._box_numbers(points) >= 0
         return bool(certified[0]) if np.ndim(q) == 1 else certified
 
     def status(self, q: ArrayLike) -> NDArray[np.int8]:
         """The `CellStatus` of the cells that hold points (K, n); −1 outside of the region."""
-        cells = self.tree.locate(self.region.cell_coordinates(self._points(q)))
+        cells = self.tree.locate(self.region.cell_coordinates(points_of(q, self.names)))
         return np.where(cells >= 0, self.tree.status[cells], -1).astype(np.int8)
 
     def sigma(self, q: ArrayLike) -> Array:
@@ -280,7 +280,7 @@ class Atlas:
         Raises:
             InvalidInputError: A point is not certified.
         """
-        points = self._points(q)
+        points = points_of(q, self.names)
         numbers = self._box_numbers(points)
         if np.any(numbers < 0):
             first = points[int(np.argmax(numbers < 0))]
@@ -363,12 +363,6 @@ class Atlas:
         if not np.array_equal(self.tree.leaves(CellStatus.EMPTY), said):
             raise InvalidInputError("a cell that is called empty is not proved to be: the file was altered")
         return replace(self, proved=proved)
-
-    def _points(self, q: ArrayLike) -> Array:
-        points = np.atleast_2d(numbers(q, "q"))
-        if points.ndim != 2 or points.shape[1] != len(self.names) or not np.all(np.isfinite(points)):
-            raise InvalidInputError(f"q must have {len(self.names)} finite columns ({', '.join(self.names)})")
-        return points
 
     def _box_numbers(self, points: Array) -> NDArray[np.int64]:
         """The boxes that carry σ over points (K, n); −1 where none does, or several disagree."""

@@ -72,7 +72,7 @@ def search_empty(runner: Runner, reading: Reading, tree: CellTree, region: Regio
     """
     problem = runner.problem
     ranges = all_values(reading, region.lower, region.upper)
-    if ranges is None or problem.system.m > MOST_DEPENDENT or _share(tree) < _WORTH:
+    if ranges is None or problem.system.m > MOST_DEPENDENT or tree.share(tree.leaves(CellStatus.UNREACHED)) < _WORTH:
         return
     root, smallest = np.zeros(1, dtype=np.intp), 1 << (LEVELS - depth)
     waiting, searched = over_all(problem, ranges, region.lower, region.upper), root
@@ -81,7 +81,7 @@ def search_empty(runner: Runner, reading: Reading, tree: CellTree, region: Regio
         waiting = search.settled(waiting, _ROUNDS)
         _mark(tree, np.setdiff1d(searched, waiting.cell))
         runner.check()
-        waiting = _unsettled(problem, tree, waiting)
+        waiting = _unsettled(problem, waiting)
         cells = np.unique(waiting.cell)
         leaf = tree.child[cells] < 0
         lengths = np.where(tree.size[cells] > smallest, tree.size[cells] * region.width, 0.0)
@@ -132,11 +132,6 @@ def _weights(system: ClosureSystem, centre: Array, half: Array) -> Array:
     return weights
 
 
-def _share(tree: CellTree) -> float:
-    """The unreached share of the region."""
-    return tree.share(tree.leaves(CellStatus.UNREACHED))
-
-
 def _mark(tree: CellTree, cells: Indices) -> None:
     """Mark the unreached leaves of cells as empty."""
     while cells.size:
@@ -146,7 +141,7 @@ def _mark(tree: CellTree, cells: Indices) -> None:
         cells = np.concatenate([tree.child[cells[~leaf]], tree.child[cells[~leaf]] + 1])
 
 
-def _unsettled(problem: Problem, tree: CellTree, waiting: Candidates) -> Candidates:
+def _unsettled(problem: Problem, waiting: Candidates) -> Candidates:
     """The candidates over cells that σ was not proved on: where it is, no part of the cell is empty."""
     if not waiting.cell.size:
         return waiting

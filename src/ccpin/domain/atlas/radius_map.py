@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, Indices, instance, numbers
+from ccpin.arrays import Array, Indices, instance
 from ccpin.covering.cells import CellStatus
+from ccpin.covering.region import points_of
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.errors import InvalidInputError
 from ccpin.proof.cell_tree import WHOLE
 
 _CHUNK = 1_000_000  # pairs of a point and a cell at a time: 8 MB an array of their distances
@@ -29,13 +29,11 @@ def certified_radius(atlas: Atlas, q: ArrayLike) -> Array:
         Radii of shape (K,), in the units of q.
 
     Raises:
-        InvalidInputError: q has the wrong shape.
+        InvalidInputError: q has the wrong shape, or is not finite.
     """
     instance(atlas, "atlas", Atlas, "an Atlas")
-    points = np.atleast_2d(numbers(q, "q"))
+    points = points_of(q, atlas.names)
     region, tree = atlas.region, atlas.tree
-    if points.ndim != 2 or points.shape[1] != len(atlas.names):
-        raise InvalidInputError(f"q must have {len(atlas.names)} columns ({', '.join(atlas.names)})")
     inside = np.atleast_1d(atlas.contains(points))
     placed = region.reduce(points)
     blocked = _bordering(atlas)

@@ -33,7 +33,7 @@ from ccpin.covering.cells import CellStatus, CellTree, SingularCells, place
 from ccpin.covering.documents import packed, unpacked
 from ccpin.covering.faces import contacts_of
 from ccpin.covering.proposals.solving import newton
-from ccpin.covering.region import Region
+from ccpin.covering.region import Region, points_of
 from ccpin.covering.runner import Runner
 from ccpin.domain.closures.packing import fingerprint_of, same_closures
 from ccpin.domain.closures.system import Reading
@@ -270,7 +270,7 @@ class SheetAtlas:
 
     def number_of_solutions(self, q: ArrayLike) -> int | NDArray[np.int64]:
         """How many closed configurations q (n,) has, −1 where that is not proved; an array (K,) for points (K, n)."""
-        cells = self._cells(self._points(q))
+        cells = self._cells(points_of(q, self.names))
         found = np.where(cells >= 0, self.count[cells], -1)
         return int(found[0]) if np.ndim(q) == 1 else found
 
@@ -328,7 +328,7 @@ class SheetAtlas:
 
     def _turns(self, q: ArrayLike) -> Array:
         """By how much q is turned out of the region."""
-        point = self._points(q)
+        point = points_of(q, self.names)
         return np.asarray((point - self.region.reduce(point))[0])
 
     def cusps(self) -> tuple[Cusp, ...]:
@@ -429,7 +429,7 @@ class SheetAtlas:
 
     def _over(self, q: ArrayLike) -> tuple[Array, Indices]:
         """θ of the closed configurations over a certified q, and their boxes."""
-        point = self._points(q)
+        point = points_of(q, self.names)
         cell = self._cells(point)
         if len(point) != 1 or cell[0] < 0 or self.tree.status[cell[0]] not in (CellStatus.CERTIFIED, CellStatus.EMPTY):
             raise InvalidInputError(f"q = {np.asarray(q).tolist()} is not one certified point of the region")
@@ -439,12 +439,6 @@ class SheetAtlas:
         theta = newton(self.problem, solve_in_boxes(self.problem, boxes, delta).theta, 1).theta
         theta[:, self.problem.system.independent] = point
         return theta, box
-
-    def _points(self, q: ArrayLike) -> Array:
-        points = np.atleast_2d(numbers(q, "q"))
-        if points.ndim != 2 or points.shape[1] != len(self.names) or not np.all(np.isfinite(points)):
-            raise InvalidInputError(f"q must have {len(self.names)} finite columns ({', '.join(self.names)})")
-        return points
 
     def _cells(self, points: Array) -> Indices:
         return self.tree.locate(self.region.cell_coordinates(points))
