@@ -201,6 +201,11 @@ FORGED = {
     "of another size": lambda e: {"reference": ReferencePieces(e.reference.c[:, :, :1], e.reference.x)},
     "polynomials without coefficients": lambda e: {"reference": ReferencePieces(e.reference.c[:0], e.reference.x)},
     "coefficients that are no number": lambda e: {"reference": ReferencePieces(np.nan * e.reference.c, e.reference.x)},
+    "one gain without end": lambda e: {"feedback": e.feedback._replace(K_p=np.diag([np.inf, 1.0]))},
+    "a piece of no length": lambda e: {
+        "reference": ReferencePieces(e.reference.c[:, [0, 0, 1]], np.insert(e.reference.x, 1, e.reference.x[1]))
+    },
+    "a start of which one entry is no number": lambda e: {"theta": np.append(e.theta[:-1], np.nan)},
     "a start of another size": lambda e: {"theta": e.theta[1:]},
     "a start that is no number": lambda e: {"theta": np.nan * e.theta},
     "a spring too few": lambda e: {"free": e.free._replace(stiffness=e.free.stiffness[1:])},
