@@ -82,7 +82,7 @@ def test_planar_bounds_are_the_sums_that_the_theorem_states(size):
         radius, weight = size * rng.uniform(0.1, 1, M), rng.uniform(0.1, 1, M)
         np.testing.assert_allclose(bounds.y[0], stated.y(), rtol=1e-11)
         np.testing.assert_allclose(bounds.mean(radius[None]).of(radius[None])[0], stated.mean(radius), rtol=1e-11)
-        found = bounds.contraction(radius[None], weight[None]).of(weight[None])[0]
+        found = bounds.contraction(radius[None]).of(weight[None])[0]
         np.testing.assert_allclose(found, stated.contraction(radius, weight), rtol=1e-11)
         np.testing.assert_allclose(
             bounds.curvature(radius[None], weight[None])[0], stated.curvature(radius, weight), rtol=1e-11

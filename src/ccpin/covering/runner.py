@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import pickle
 import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
@@ -21,6 +20,7 @@ from ccpin.covering.cells import CellStatus, CellTree
 from ccpin.covering.sources import code_digest
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.files import writable_folder
+from ccpin.proof.digests import digest
 from ccpin.proof.equations import Problem
 from ccpin.work import Flag, Stopped, Until
 
@@ -74,7 +74,7 @@ class ChunkStore:
     def __init__(self, folder: str | Path | None, problem: Problem) -> None:
         self.folder = None if folder is None else writable_folder(folder, "checkpoint")
         if self.folder is not None:
-            self._origin = code_digest() + hashlib.sha256(pickle.dumps(problem, protocol=4)).digest()
+            self._origin = code_digest() + bytes.fromhex(digest(problem))
 
     def key(self, task: Task, arrays: Arrays) -> str:
         """The name of a result: a digest of the code, the problem, the task and every bit of the arrays.
@@ -83,11 +83,11 @@ class ChunkStore:
         """
         if self.folder is None:
             return ""
-        digest = hashlib.sha256(self._origin + task.__name__.encode())
+        found = hashlib.sha256(self._origin + task.__name__.encode())
         for array in arrays:
-            digest.update(f"{array.dtype}{array.shape}".encode())
-            digest.update(np.ascontiguousarray(array).tobytes())
-        return digest.hexdigest()
+            found.update(f"{array.dtype}{array.shape}".encode())
+            found.update(np.ascontiguousarray(array))
+        return found.hexdigest()
 
     def load(self, key: str) -> Arrays | None:
         """A stored result, or ``None`` where there is none (or a file that is damaged, or of another name)."""

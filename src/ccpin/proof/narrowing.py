@@ -146,9 +146,10 @@ def alone_in(problem: Problem, boxes: Boxes, held: Candidates) -> Mask:
         inside = bounds.y + bounds.mean(reach).of(reach)
         reach = np.maximum(np.fmin(reach, inside * SLACK), boxes.radius)
         weight = boxes.weight
+        image = bounds.contraction(reach)
         for _ in range(4):
-            shrunk = bounds.contraction(reach, weight).of(weight)
+            shrunk = image.of(weight)
             weight = 0.5 * (weight + shrunk / np.max(shrunk, axis=1, keepdims=True))
-        shrunk = bounds.contraction(reach, weight).of(weight)
+        shrunk = image.of(weight)
         alone = np.all(shrunk * SLACK < weight, axis=1)
     return np.asarray(alone & np.isfinite(shrunk).all(axis=1))

@@ -81,7 +81,7 @@ def check(equations: Closures, boxes: Boxes) -> Checked:
 def holds(bounds: Bounds, boxes: Boxes) -> Checked:
     """Whether (N1) Y + Z̄(R)R < R and (N2) Z(R)w ≤ κw, κ < 1, w > 0 hold, given bounds of B boxes."""
     radius, weight = boxes.radius, boxes.weight
-    image, shrunk = bounds.mean(radius).of(radius), bounds.contraction(radius, weight).of(weight)
+    image, shrunk = bounds.mean(radius).of(radius), bounds.contraction(radius).of(weight)
     inside = np.all((bounds.y + image) * SLACK < radius, axis=1)
     contracts = np.all(shrunk * SLACK <= boxes.kappa[:, None] * weight, axis=1)
     finite = np.isfinite(bounds.y + image + shrunk).all(axis=1) & (boxes.kappa < 1.0)
@@ -125,19 +125,18 @@ def weights_for(bounds: Bounds, radius: Array) -> tuple[Array, Array]:
     Returns:
         w, of shape (B, m), and κ, of shape (B,).
     """
-    image = bounds.contraction(radius, np.ones_like(radius))
-    weight = np.abs(solve_many(np.eye(radius.shape[1]) - image.matrix, 1.0 + image.rest))
-    best, kappa = np.ones_like(radius), np.full(len(radius), np.inf)
-    active = np.arange(len(radius))
+    image, going = bounds.contraction(radius), np.ones(len(radius), dtype=np.bool_)
+    weight = np.abs(solve_many(np.eye(radius.shape[1]) - image.matrix, 1.0 + image.rest(np.ones_like(radius))))
+    kappa = np.full(len(radius), np.inf)
     for _ in range(_POWERS):
-        weight = weight / weight.max(axis=1, keepdims=True)
-        shrunk = bounds.contraction(radius[active], weight).of(weight)
-        best[active], kappa[active] = weight, (shrunk / weight).max(axis=1) * SLACK * SLACK + _ROUNDED
-        going = np.flatnonzero(~(kappa[active] < 1.0))
-        if not going.size:
+        weight[going] /= weight[going].max(axis=1, keepdims=True)
+        shrunk = image.of(weight)
+        kappa[going] = ((shrunk / weight).max(axis=1) * SLACK * SLACK + _ROUNDED)[going]
+        going = ~(kappa < 1.0)
+        if not going.any():
             break
-        weight, active, bounds = 0.5 * (weight + shrunk)[going], active[going], bounds.take(going)
-    return best, kappa
+        weight[going] = 0.5 * (weight + shrunk)[going]
+    return weight, kappa
 
 
 _MOST_STEPS = 20000  # for a κ of nearly 1; what has not come to rounding by then raises

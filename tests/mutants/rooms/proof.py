@@ -263,7 +263,14 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "proof/bounds",
-        ("linear_part", "LinearPart.affine", "LinearPart.widths", "LinearPart.curvature_margin", "Image.of"),
+        (
+            "linear_part",
+            "LinearPart.affine",
+            "LinearPart.widths",
+            "LinearPart.curvature_margin",
+            "Image.of",
+            "Contraction.of",
+        ),
         _BOUNDS,
     ),
     Room(
@@ -317,7 +324,7 @@ ROOMS: tuple[Room, ...] = (
             "PlanarBounds.contraction",
             "PlanarBounds.curvature",
             "PlanarBounds._widths",
-            "PlanarBounds._image",
+            "PlanarBounds._matrix",
         ),
         ("proof/test_sharp_phasors.py",),
     ),
