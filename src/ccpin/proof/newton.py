@@ -6,6 +6,7 @@ their inequalities are checked here: Y, Z and Z̄ from `bounds`, (N1) and (N2) i
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from ccpin.proof.bounds import Bounds, Frame
 from ccpin.proof.chains import ClosureSystem
 from ccpin.proof.equations import Closures, Problem, closure_values, closures_of
 from ccpin.proof.rounding import SLACK, TURN, UNIT_ROUNDOFF, blur, widened
+from ccpin.work import side_by_side
 
 _PART = 256  # boxes at once: bounds memory
 _POWERS = 8  # steps: more find a w where κ is nearly 1, and none is believed without its inequality
@@ -67,15 +69,18 @@ def check(equations: Closures, boxes: Boxes) -> Checked:
     found = Checked(np.zeros(len(boxes.kappa), dtype=np.bool_), np.zeros_like(boxes.radius))
     plain = np.all(boxes.modes == np.eye(equations.system.m), axis=(1, 2))
     for reach in (False, True) if equations.phasors is not None else (True,):
-        for alike in (plain, ~plain):
-            rows = np.flatnonzero(alike & ~found.proved)
-            for first in range(0, len(rows), _PART):
-                part = rows[first : first + _PART]
-                some = boxes.take(part)
-                with np.errstate(all="ignore"):
-                    bounds = equations.bounds(some.centre, frame_of(equations, some), reach)
-                    found.proved[part], found.image[part] = holds(bounds, some)
+        each = [np.flatnonzero(alike & ~found.proved) for alike in (plain, ~plain)]
+        parts = [rows[first : first + _PART] for rows in each for first in range(0, len(rows), _PART)]
+        for part, done in zip(parts, side_by_side(partial(_checked, equations, boxes, reach), parts), strict=True):
+            found.proved[part], found.image[part] = done
     return found
+
+
+def _checked(equations: Closures, boxes: Boxes, reach: bool, rows: Indices) -> Checked:
+    """The same of some of the boxes, with one kind of bounds."""
+    some = boxes.take(rows)
+    with np.errstate(all="ignore"):
+        return holds(equations.bounds(some.centre, frame_of(equations, some), reach), some)
 
 
 def holds(bounds: Bounds, boxes: Boxes) -> Checked:

@@ -147,9 +147,9 @@ def _survey(
                 singular.append(found)
         except Stopped:
             complete = False
-    glued = front.glued if joined_by is None else joined_by
-    proved = proved_sheets(problem, tree, front.boxes, front.members, glued, counted)
-    mark(tree, proved)
+        glued = front.glued if joined_by is None else joined_by
+        proved = proved_sheets(problem, tree, front.boxes, front.members, glued, counted)
+        mark(tree, proved)
     return SheetAtlas(
         names=names,
         region=region,

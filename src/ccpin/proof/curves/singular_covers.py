@@ -9,6 +9,7 @@ the start, and whoever found them is not believed: what was missed is in a box t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -22,7 +23,7 @@ from ccpin.proof.equations import Problem, derivatives
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
 from ccpin.proof.narrowing import Candidates, narrowed
 from ccpin.proof.ranges import Ranges, proved_ranges
-from ccpin.work import ended
+from ccpin.work import ended, side_by_side
 
 _CHUNK = 1000  # boxes at once: bounds memory
 
@@ -95,7 +96,7 @@ class SingularCovered(ProvableClaim):
         while waiting.cell.size and tried <= self.most[0] and not ended():
             tried += len(waiting.cell)
             parts = [rows_of(waiting, slice(first, first + _CHUNK)) for first in range(0, len(waiting.cell), _CHUNK)]
-            waiting = joined(part if ended() else _pruned(problem, ranges, nearby, part) for part in parts)
+            waiting = joined(side_by_side(partial(_pruned, problem, ranges, nearby), parts))
             small = extents(problem, waiting).max(axis=1, initial=0.0) < self.resolution
             left.append(rows_of(waiting, small))
             waiting = halved_steepest(problem, rows_of(waiting, ~small))
@@ -113,7 +114,9 @@ class SingularCovered(ProvableClaim):
 
 
 def _pruned(problem: Problem, ranges: Ranges, nearby: Nearby | None, boxes: Candidates) -> Candidates:
-    """The boxes, narrowed, that may hold singular configurations which are on no curve of a tube."""
+    """The boxes, narrowed, that may hold singular configurations which are on no curve of a tube; all, when ended."""
+    if ended():
+        return boxes
     boxes = narrowed_to_singular(problem, ranges, boxes)
     if nearby is None or not boxes.cell.size:
         return boxes
