@@ -89,7 +89,7 @@ class ChunkStore:
             return ""
         found = hashlib.sha256(self._origin + task.__name__.encode())
         for array in arrays:
-            found.update(f"{array.dtype}{array.shape}".encode())
+            found.update(f"{array.dtype.str}{array.shape}".encode())
             found.update(np.ascontiguousarray(array).data)
         return found.hexdigest()
 

@@ -185,7 +185,8 @@ class Closures:
         count, m = len(centre), self.system.m
         chains = len(self.system.chains)
         rows = frame.preconditioner @ np.transpose(self.stack.weights, (1, 2, 0)).reshape(m, 3 * chains)
-        gains = np.sqrt(np.square(rows.reshape(count, m, 3, chains)).sum(axis=2))
+        square = np.square(rows).reshape(count, m, 3, chains)
+        gains = np.sqrt(square[:, :, 0] + square[:, :, 1] + square[:, :, 2])
         drift = ReachDrift(self._lengths, gains, by_joint(self.turns.joints, np.abs(centre)), arms, point.rounding)
         return taylor_bounds(point, frame, drift)
 

@@ -72,7 +72,8 @@ def narrowed(problem: Problem, boxes: Candidates, inverse: bool = False, regular
     if inverse:
         with np.errstate(all="ignore"):
             if regular is not None:
-                gone |= regular & (weights_for(bounds, np.zeros((count, system.m)))[1] < 1.0)
+                rows = np.flatnonzero(regular & ~gone)
+                gone[rows] = weights_for(bounds.take(rows), np.zeros((len(rows), system.m)))[1] < 1.0
         better = _size(problem, smaller, jacobian) < _SMALLER * _size(problem, given, jacobian)
         smaller = _chosen(better, smaller, given)
     return rows_of(smaller, np.flatnonzero(~gone))

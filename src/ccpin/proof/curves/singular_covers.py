@@ -9,7 +9,6 @@ the start, and whoever found them is not believed: what was missed is in a box t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -96,7 +95,9 @@ class SingularCovered(ProvableClaim):
         while waiting.cell.size and tried <= self.most[0] and not ended():
             tried += len(waiting.cell)
             parts = [rows_of(waiting, slice(first, first + _CHUNK)) for first in range(0, len(waiting.cell), _CHUNK)]
-            waiting = joined(side_by_side(partial(_pruned, problem, ranges, nearby), parts))
+            waiting = joined(
+                side_by_side(lambda part: part if ended() else _pruned(problem, ranges, nearby, part), parts)
+            )
             small = extents(problem, waiting).max(axis=1, initial=0.0) < self.resolution
             left.append(rows_of(waiting, small))
             waiting = halved_steepest(problem, rows_of(waiting, ~small))
@@ -114,9 +115,7 @@ class SingularCovered(ProvableClaim):
 
 
 def _pruned(problem: Problem, ranges: Ranges, nearby: Nearby | None, boxes: Candidates) -> Candidates:
-    """The boxes, narrowed, that may hold singular configurations which are on no curve of a tube; all, when ended."""
-    if ended():
-        return boxes
+    """The boxes, narrowed, that may hold singular configurations which are on no curve of a tube."""
     boxes = narrowed_to_singular(problem, ranges, boxes)
     if nearby is None or not boxes.cell.size:
         return boxes
