@@ -18,6 +18,8 @@ from typing import NamedTuple, Protocol, TypeVar
 from ccpin.arrays import whole
 from ccpin.errors import InvalidInputError
 
+FEW = 4
+"""So many threads of NumPy's own work, on arrays of thousands, go on side by side; more wait for each other."""
 _AGAIN = 0.02  # s
 _ACTIVE: ContextVar[tuple[threading.Event, ...]] = ContextVar("active", default=())
 _THREADS: ContextVar[int] = ContextVar("threads", default=1)
@@ -144,11 +146,11 @@ def processes(workers: int) -> int:
 
 
 @contextmanager
-def executor_for(executor: Executor | None, workers: int | None, compiled: bool = False) -> Iterator[Executor | None]:
+def executor_for(executor: Executor | None, workers: int | None, threads: float = 0) -> Iterator[Executor | None]:
     """The executor given, or workers where more than one was asked for; ``None``: this thread does all.
 
-    Workers are processes, or where the work is `compiled` threads: it lets go of the interpreter's lock, and nothing
-    is copied from one process to another. What this thread does `side_by_side` meanwhile has as many threads.
+    Workers are processes, or up to so many `threads`, for work that lets go of the interpreter's lock: these begin at
+    once, and nothing is copied from one process to another. What this thread does `side_by_side` has as many threads.
 
     Raises:
         InvalidInputError: Both were given, or `workers` is not a whole number of at least one.
@@ -159,7 +161,7 @@ def executor_for(executor: Executor | None, workers: int | None, compiled: bool 
     if workers is None or workers == 1:
         yield executor
         return
-    pool = ThreadPoolExecutor(workers) if compiled else ProcessPoolExecutor(workers, initializer=_serve)
+    pool = ThreadPoolExecutor(workers) if workers <= threads else ProcessPoolExecutor(workers, initializer=_serve)
     token = _THREADS.set(workers)
     try:
         yield pool

@@ -265,7 +265,7 @@ def test_curves_are_kept_too(rpdr, tmp_path, monkeypatch):
 @contextmanager
 def threads(count):
     """What is done side by side has so many."""
-    with executor_for(None, count, compiled=True):
+    with executor_for(None, count, threads=count):
         yield
 
 

@@ -258,7 +258,7 @@ def test_candidates_are_halved_while_that_is_due(monkeypatch):
 
 
 def test_where_an_interrupt_was_asked_for_nothing_is_proved():
-    """Nor is a chunk of candidates begun."""
+    """Nor are candidates narrowed."""
     with stoppable() as flag:
         flag.set()
         with pytest.raises(Stopped):

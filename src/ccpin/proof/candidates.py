@@ -15,7 +15,7 @@ from ccpin.proof.equations import Problem, closure_values
 from ccpin.proof.narrowing import Candidates, directions, narrowed
 from ccpin.proof.ranges import Ranges
 from ccpin.proof.rounding import blur, widened
-from ccpin.work import check, side_by_side
+from ccpin.work import side_by_side
 
 BEYOND = 1e-12
 """How far a search goes beyond its region each way; what two bounds may be apart by is less (rad, m)."""
@@ -45,9 +45,6 @@ def narrowed_both(problem: Problem, ranges: Ranges, waiting: Candidates, singula
 
     Where singular ones are looked for, those that are nonsingular are dropped, unless they meet the end of a range that
     is a limit: beyond the others no configuration goes on (Lemma R of `ccpin.proof.ranges`).
-
-    Raises:
-        Stopped: An interrupt was asked for.
     """
     parts = [rows_of(waiting, slice(first, first + _CHUNK)) for first in range(0, len(waiting.cell), _CHUNK)]
     found = side_by_side(partial(_narrowed_both, problem, ranges, singular), parts)
@@ -56,7 +53,6 @@ def narrowed_both(problem: Problem, ranges: Ranges, waiting: Candidates, singula
 
 
 def _narrowed_both(problem: Problem, ranges: Ranges, singular: bool, part: Candidates) -> Candidates:
-    check()
     part = narrowed(problem, part)
     if not part.cell.size:
         return part

@@ -23,6 +23,7 @@ from ccpin.proof.facts import Examined, Fact, Form, provable, require
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import Ranges, proved_ranges
 from ccpin.proof.rounding import blur, widened
+from ccpin.work import check
 
 _AT_ONCE = 20_000  # cells: bounds memory
 ROUNDS = 60
@@ -202,6 +203,7 @@ def _settled(problem: Problem, ranges: Ranges, waiting: Candidates, singular: bo
     for _ in range(ROUNDS):
         if not waiting.cell.size:
             break
+        check()
         waiting = narrowed_both(problem, ranges, waiting, singular)
         cut, due = to_halve(problem, waiting)
         stuck.append(rows_of(waiting, ~due))

@@ -128,7 +128,7 @@ def test_chunks_are_those_of_their_own_closures(rpdr, tmp_path):
 
 @pytest.mark.slow
 def test_work_that_goes_on_is_shared_too(rpdr, tmp_path):
-    """`continued` in this process, in two, and a second time from chunks that are kept."""
+    """`continued` in this thread, in two, and a second time from chunks that are kept."""
     early = domain.certify_singularities(rpdr, REGION, budget=3000)
     whole, none = early.continued(checkpoint=tmp_path), Counted()
     assert whole.verdict == "proven"

@@ -182,6 +182,7 @@ ROOMS: tuple[Room, ...] = (
             ("weight[going] /= weight", "", "any w > 0 will do: κ is what it shows"),
             ("0.5 * (weight + shrunk)", "", "any w > 0 will do: κ is what it shows"),
             ("going = ~(kappa", "", "when a search for a better w ends"),
+            ("if not going.any()", "", "when a search for a better w ends"),
             ("worse = np.flatnonzero(inside &", "not asked: inside", "elsewhere the step is K's already"),
         ),
     ),
