@@ -8,18 +8,23 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
 from types import FrameType
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeVar
 
 from ccpin.arrays import whole
 from ccpin.errors import InvalidInputError
 
+FEW = 4
+"""So many threads of NumPy's own work, on arrays of thousands, go on side by side; more wait for each other."""
 _AGAIN = 0.02  # s
 _ACTIVE: ContextVar[tuple[threading.Event, ...]] = ContextVar("active", default=())
+_THREADS: ContextVar[int] = ContextVar("threads", default=1)
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 class Stopped(Exception):  # noqa: N818 - not an error: what is proved is kept
@@ -141,11 +146,11 @@ def processes(workers: int) -> int:
 
 
 @contextmanager
-def executor_for(executor: Executor | None, workers: int | None, compiled: bool = False) -> Iterator[Executor | None]:
+def executor_for(executor: Executor | None, workers: int | None, threads: float = 0) -> Iterator[Executor | None]:
     """The executor given, or workers where more than one was asked for; ``None``: this thread does all.
 
-    Workers are processes, or where the work is `compiled` threads: it lets go of the interpreter's lock, and nothing
-    is copied from one process to another.
+    Workers are processes, or up to so many `threads`, for work that lets go of the interpreter's lock: these begin at
+    once, and nothing is copied from one process to another. What this thread does `side_by_side` has as many threads.
 
     Raises:
         InvalidInputError: Both were given, or `workers` is not a whole number of at least one.
@@ -156,11 +161,35 @@ def executor_for(executor: Executor | None, workers: int | None, compiled: bool 
     if workers is None or workers == 1:
         yield executor
         return
-    pool = ThreadPoolExecutor(workers) if compiled else ProcessPoolExecutor(workers, initializer=_serve)
+    pool = ThreadPoolExecutor(workers) if workers <= threads else ProcessPoolExecutor(workers, initializer=_serve)
+    token = _THREADS.set(workers)
     try:
         yield pool
     finally:
+        _THREADS.reset(token)
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+def side_by_side(task: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """What a task makes of each item, in order: on as many threads as workers were asked for (`executor_for`).
+
+    What it raises is raised, and what has not begun by then is left.
+    """
+    count = min(_THREADS.get(), len(items))
+    if count < 2:
+        return [task(item) for item in items]
+    pool = ThreadPoolExecutor(count)
+    try:
+        futures = [pool.submit(copy_context().run, _alone, task, item) for item in items]
+        return [future.result() for future in futures]
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _alone(task: Callable[[Item], Result], item: Item) -> Result:
+    """A task on this thread and no other, in a context of its own."""
+    _THREADS.set(1)
+    return task(item)
 
 
 def _serve() -> None:

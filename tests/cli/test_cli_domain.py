@@ -157,7 +157,7 @@ def test_workers_and_chunks_give_the_same_curves(tmp_path, capsys):
     for one, other in zip(here.curves, there.curves, strict=True):
         assert all(np.array_equal(a, b) for a, b in zip(one.tubes, other.tubes, strict=True))
     assert here.tried == there.tried
-    assert list((tmp_path / "chunks").glob("*.npz"))
+    assert list((tmp_path / "chunks").glob("*.chunk"))
     capsys.readouterr()
 
 

@@ -21,7 +21,7 @@ from ccpin.domain.closures.system import reading_of
 from ccpin.domain.singular import cover, following
 from ccpin.errors import DifferentSubjectsError, InvalidInputError
 from ccpin.proof.cell_tree import WHOLE
-from ccpin.work import stoppable
+from ccpin.work import ended, executor_for, side_by_side, stoppable
 
 TORUS = (np.full(2, -np.pi), np.full(2, np.pi))
 GOAL = np.radians((-108.0, -72.0))
@@ -260,3 +260,43 @@ def test_curves_are_kept_too(rpdr, tmp_path, monkeypatch):
         np.testing.assert_array_equal(one.tubes.theta, other.tubes.theta)
         np.testing.assert_array_equal(one.tubes.along, other.tubes.along)
         assert one.closed == other.closed
+
+
+@contextmanager
+def threads(count):
+    """What is done side by side has so many."""
+    with executor_for(None, count, threads=count):
+        yield
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+def test_work_side_by_side_is_given_back_in_order(workers):
+    """On as many threads as workers were asked for, each with what its caller knows; and within a task on one."""
+    met = threading.Barrier(min(workers, 4), timeout=20.0)
+
+    def task(item):
+        met.wait()
+        inner = side_by_side(lambda _: threading.get_ident(), range(3))
+        assert inner == [threading.get_ident()] * 3
+        return item, ended()
+
+    with stoppable(), threads(workers):
+        assert side_by_side(task, range(4)) == [(k, False) for k in range(4)]
+        press()
+        assert side_by_side(task, range(4)) == [(k, True) for k in range(4)]
+        assert side_by_side(task, []) == []
+
+
+def test_the_first_error_of_work_side_by_side_ends_it():
+    """What has not begun by then is left."""
+    begun = []
+
+    def task(item):
+        begun.append(item)
+        if item == 0:
+            raise ValueError("the first")
+        time.sleep(0.1)
+
+    with threads(2), pytest.raises(ValueError, match="the first"):
+        side_by_side(task, range(200))
+    assert len(begun) < 100

@@ -116,9 +116,9 @@ def test_damaged_checkpoints_are_computed_again(rpdr, tmp_path):
     keys = [store.key(task, (np.array([k]),)) for k in range(2)]
     for key in keys:
         store.save(key, arrays)
-    file = tmp_path / f"{keys[0]}.npz"
+    file = tmp_path / f"{keys[0]}.chunk"
     whole_file, generator = file.read_bytes(), np.random.default_rng(4)
-    file.write_bytes((tmp_path / f"{keys[1]}.npz").read_bytes())
+    file.write_bytes((tmp_path / f"{keys[1]}.chunk").read_bytes())
     assert store.load(keys[0]) is None
     for place in generator.integers(len(whole_file), size=300).tolist():
         damaged = bytearray(whole_file)

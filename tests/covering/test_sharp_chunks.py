@@ -1,12 +1,13 @@
 """A kept result is found by what it was computed from, every bit of it, and by the code; by nothing less."""
 
+import hashlib
+import json
 import shutil
 import threading
 
 import numpy as np
 import pytest
 
-from ccpin.containers import write
 from ccpin.covering import runner, sources
 from ccpin.covering.runner import ChunkStore, Runner
 from tests.support.straight import circles, problem_by_hand, straight
@@ -63,7 +64,7 @@ def test_what_is_the_same_has_the_same_key(tmp_path):
 
 
 def test_only_what_was_kept_under_a_name_is_read_from_it(tmp_path):
-    """Neither another's file, nor one with another format, nor one that says more."""
+    """Neither another's file, nor one that is damaged anywhere, nor one with another format, nor one that says more."""
     store = ChunkStore(tmp_path, CIRCLE)
     ours, theirs = store.key(double, (NUMBERS,)), store.key(triple, (NUMBERS,))
     assert store.load(ours) is None
@@ -71,15 +72,34 @@ def test_only_what_was_kept_under_a_name_is_read_from_it(tmp_path):
     for found, kept in zip(store.load(ours), (NUMBERS, NUMBERS > 2.0), strict=True):
         np.testing.assert_array_equal(found, kept)
         assert found.dtype == kept.dtype
-    shutil.copy(tmp_path / f"{ours}.npz", tmp_path / f"{theirs}.npz")
+    file = tmp_path / f"{ours}.chunk"
+    shutil.copy(file, tmp_path / f"{theirs}.chunk")
     assert store.load(theirs) is None
-    arrays = {"result0": NUMBERS}
-    header = {"format": "ccpin-chunk-1", "key": ours}
-    for wrong in ({"format": "ccpin-chunk-0"}, {"key": theirs}, {"more": 1}):
-        write(tmp_path / f"{ours}.npz", header | wrong, arrays)
+    whole = file.read_bytes()
+    flipped = [whole[:k] + bytes([whole[k] ^ 1]) + whole[k + 1 :] for k in range(len(whole))]
+    for damaged in (b"", whole[:-1], whole + b"0", *flipped):
+        file.write_bytes(damaged)
         assert store.load(ours) is None
-    write(tmp_path / f"{ours}.npz", header, arrays)
-    np.testing.assert_array_equal(store.load(ours), [NUMBERS])
+    for wrong in ({}, {"format": "ccpin-chunk-0"}, {"key": theirs}, {"more": 1}, {"arrays": [["<f8", [7]]]}):
+        header = {"format": "ccpin-chunk-2", "key": ours, "arrays": [["<f8", [2, 3]]]} | wrong
+        below = json.dumps(header).encode() + b"\n" + NUMBERS.tobytes()
+        file.write_bytes(hashlib.sha256(below).hexdigest().encode() + b"\n" + below)
+        if wrong:
+            assert store.load(ours) is None
+        else:
+            np.testing.assert_array_equal(store.load(ours), [NUMBERS.reshape(2, 3)])
+            store.load(ours)[0][:] = 0.0  # it is the caller's
+
+
+@pytest.mark.parametrize("shape", [(), (0, 3), (2, 0), (1,), (2, 3, 4)])
+@pytest.mark.parametrize("dtype", ["float64", "int64", "int8", "bool"])
+def test_results_of_any_shape_are_kept_bit_for_bit(tmp_path, shape, dtype):
+    """One behind the other, however they lie in memory."""
+    store, rng = ChunkStore(tmp_path, CIRCLE), np.random.default_rng(3)
+    given = tuple((40.0 * rng.normal(size=shape)).astype(dtype).T for _ in range(2))
+    store.save("key", (*given, NUMBERS))
+    for found, kept in zip(store.load("key"), (*given, NUMBERS), strict=True):
+        assert (found.dtype, found.shape, found.tobytes()) == (kept.dtype, kept.shape, kept.tobytes())
 
 
 @pytest.mark.parametrize("kept", [[], [1], [0, 2], [0, 1, 2, 3]])

@@ -50,7 +50,7 @@ def farthest(problem, rng, count):
         boxes = random_boxes(problem.system, rng, min(CHUNK, count - begin))
         bounds = bounds_of(problem, boxes)
         image = bounds.mean(boxes.radius).of(boxes.radius)
-        shrunk = bounds.contraction(boxes.radius, boxes.weight).of(boxes.weight)
+        shrunk = bounds.contraction(boxes.radius).of(boxes.weight)
         for found, expected in zip(core.bounds(tuple(boxes)), (bounds.y, image, shrunk), strict=True):
             worst = max(worst, float((np.abs(found - expected) / np.abs(expected)).max()))
     return worst

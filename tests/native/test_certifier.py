@@ -70,7 +70,7 @@ def assert_same_bounds(problem, theta):
         y, image, shrunk = core.bounds(tuple(boxes))
         assert np.allclose(y, expected.y, rtol=1e-9)
         assert np.allclose(image, expected.mean(boxes.radius).of(boxes.radius), rtol=1e-9)
-        assert np.allclose(shrunk, expected.contraction(boxes.radius, boxes.weight).of(boxes.weight), rtol=1e-9)
+        assert np.allclose(shrunk, expected.contraction(boxes.radius).of(boxes.weight), rtol=1e-9)
 
 
 @both

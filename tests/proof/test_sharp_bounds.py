@@ -11,14 +11,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.proof.bounds import Image
+from ccpin.proof.bounds import Contraction, Image
 from ccpin.proof.chains import ChainStack
 from ccpin.proof.equations import Derivatives, Problem, third_bound
 from ccpin.proof.newton import Boxes, encloses, frame_of, holds, noise_of, without_turns
 from ccpin.proof.reach_bounds import ChainLengths, ReachDrift, chain_reach
 from ccpin.proof.rounding import blur, widened
 from ccpin.proof.taylor import Pattern, Point, taylor_bounds
-from ccpin.proof.tips import by_joint, turns_of
+from ccpin.proof.tips import by_joint
 from tests.support.straight import assert_bounds_are, random_frame
 
 N, M, P = 5, 2, 3  # n′, m and the parameters of a box
@@ -68,9 +68,9 @@ def taylor(stack, theta, values, frame):
     pattern = Pattern(np.repeat(np.arange(M), len(first)), np.tile(np.arange(len(first)), M), first, other, N)
     second = values.hessian[0][:, first, other].reshape(-1, 1)
     point = Point(values.phi, values.jacobian, second, pattern, frame.rounding)
-    turns, arms = turns_of(stack), np.transpose(values.arms, (2, 1, 0))
+    lengths, arms = ChainLengths.of(stack), np.transpose(values.arms, (2, 1, 0))
     gains = np.swapaxes(np.linalg.norm(frame.preconditioner[:, None] @ stack.weights, axis=3), 1, 2)
-    drift = ReachDrift(ChainLengths.of(stack, turns), gains, by_joint(turns, np.abs(theta)), arms, frame.rounding)
+    drift = ReachDrift(lengths, gains, by_joint(lengths.joints, np.abs(theta)), arms, frame.rounding)
     return taylor_bounds(point, frame, drift)
 
 
@@ -183,8 +183,8 @@ class Fixed:
     def mean(self, radius):
         return Image(np.array([[[self._mean]]]), np.zeros((1, 1)))
 
-    def contraction(self, radius, weight):
-        return Image(np.array([[[self._slope]]]), np.zeros((1, 1)))
+    def contraction(self, radius):
+        return Contraction(np.array([[[self._slope]]]), np.zeros_like)
 
 
 def box_of(radius=1.0, weight=1.0, kappa=0.5):

@@ -127,12 +127,13 @@ def test_regular_boxes_are_dropped_where_that_is_asked(monkeypatch, kappa, gone)
 
     def weights_for(bounds, radius):
         seen.append(radius)
-        return np.ones((2, 2)), np.full(2, kappa)
+        return np.ones_like(radius), np.full(len(radius), kappa)
 
     monkeypatch.setattr(narrowing, "weights_for", weights_for)
     boxes = candidates(2 * [[0.0, 0.0, 0.0]], 2 * [[0.25, 1.0, 1.0]])
     found = narrowed(problem_of(PLANE), boxes, inverse=True, regular=np.array([True, False]))
     assert found.cell.tolist() == ([1] if gone else [0, 1])
+    assert seen[0].shape == (1, 2)
     assert not seen[0].any()
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ccpin.proof import requirements
-from ccpin.proof.bounds import Image
+from ccpin.proof.bounds import Contraction
 from ccpin.proof.demanded import Demanded
 from ccpin.proof.equations import Problem, Requirements
 from ccpin.proof.facts import NotProvedError, prove
@@ -204,9 +204,9 @@ class Columns:
     def __init__(self, matrix):
         self.matrix = matrix
 
-    def contraction(self, radius, weight):
-        rest = np.array([[10.0, 20.0, 40.0][: radius.shape[1]]]) * np.flatnonzero(weight[0])[0]
-        return Image(self.matrix, rest)
+    def contraction(self, radius):
+        steps = np.array([[10.0, 20.0, 40.0][: radius.shape[1]]])
+        return Contraction(self.matrix, lambda weight: steps * np.flatnonzero(weight[0])[0])
 
 
 def test_columns_of_z_are_those_of_its_parts():

@@ -240,7 +240,7 @@ def test_so_many_candidates_are_tried(monkeypatch):
 
 
 def test_candidates_are_halved_while_that_is_due(monkeypatch):
-    """And narrowed after; where an interrupt was asked for, nothing is proved."""
+    """And narrowed after."""
     asked = []
     monkeypatch.setattr(module, "narrowed_both", lambda problem, ranges, waiting, singular: waiting)
 
@@ -255,6 +255,10 @@ def test_candidates_are_halved_while_that_is_due(monkeypatch):
     np.testing.assert_allclose(np.sort(found.centre[:, 1]), [-0.75, -0.25, 0.25, 0.75])
     monkeypatch.setattr(module, "ROUNDS", 2)
     assert len(module._settled(problem_by_hand(LINE), None, box, True).cell) == 4
+
+
+def test_where_an_interrupt_was_asked_for_nothing_is_proved():
+    """Nor are candidates narrowed."""
     with stoppable() as flag:
         flag.set()
         with pytest.raises(Stopped):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ccpin.proof import narrowing
-from ccpin.proof.bounds import Image
+from ccpin.proof.bounds import Contraction, Image
 from ccpin.proof.equations import Problem
 from ccpin.proof.narrowing import Candidates, alone_in
 from ccpin.proof.newton import Boxes
@@ -23,8 +23,8 @@ class Growing:
     def mean(self, radius):
         return Image(np.ones((1, 1, 1)), np.zeros((1, 1)))
 
-    def contraction(self, radius, weight):
-        return Image(self._slope * radius[:, None], np.zeros((1, 1)))
+    def contraction(self, radius):
+        return Contraction(self._slope * radius[:, None], np.zeros_like)
 
 
 def held(monkeypatch, slope, gap=0.0, half=0.0, lean=0.0, radius=0.01, modes=1.0):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ccpin.proof import newton
-from ccpin.proof.bounds import Image
+from ccpin.proof.bounds import Contraction
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import SolutionBall, TubesAt, check, in_tubes, predict, solve_in_boxes, weights_for, within
 from ccpin.proof.rounding import SLACK, widened
@@ -186,11 +186,8 @@ class Told:
     def __init__(self, matrix, rest=0.0):
         self.matrix, self.rest = np.array(matrix, dtype=float), rest
 
-    def contraction(self, radius, weight):
-        return Image(self.matrix, self.rest * weight)
-
-    def take(self, rows):
-        return Told(self.matrix[rows], self.rest)
+    def contraction(self, radius):
+        return Contraction(self.matrix, lambda weight: self.rest * weight)
 
 
 def test_weights_show_that_z_contracts():

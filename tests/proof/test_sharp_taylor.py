@@ -86,7 +86,7 @@ def test_every_bound_is_attained(drawn):
     bounds = bounds_of(cubic, half)
     base, corner = np.append(half, np.zeros(M)), np.append(half, radius)
     np.testing.assert_allclose(bounds.y[0], -cubic(base), rtol=1e-13)
-    shrunk = bounds.contraction(radius[None], weight[None]).of(weight[None])[0]
+    shrunk = bounds.contraction(radius[None]).of(weight[None])[0]
     np.testing.assert_allclose(shrunk, (np.eye(M) - cubic.slope(corner)) @ weight, rtol=1e-13)
     nodes, weights = np.polynomial.legendre.leggauss(3)
     mean = sum(
@@ -119,16 +119,17 @@ def test_modes_of_any_kind_are_bounded_as_selected_ones_are(drawn):
         some = other.take(np.array([k]))
         np.testing.assert_allclose(some.y, one.y, rtol=1e-13)
         for name in ("mean", "contraction"):
-            given = (radius[None],) if name == "mean" else (radius[None], weight[None])
             np.testing.assert_allclose(
-                getattr(some, name)(*given).of(weight[None]), getattr(one, name)(*given).of(weight[None]), rtol=1e-13
+                getattr(some, name)(radius[None]).of(weight[None]),
+                getattr(one, name)(radius[None]).of(weight[None]),
+                rtol=1e-13,
             )
         np.testing.assert_allclose(
             some.curvature(radius[None], weight[None]), one.curvature(radius[None], weight[None]), rtol=1e-13
         )
     np.testing.assert_allclose(
-        one.take(np.array([0])).contraction(radius[None], weight[None]).matrix,
-        one.contraction(radius[None], weight[None]).matrix,
+        one.take(np.array([0])).contraction(radius[None]).matrix,
+        one.contraction(radius[None]).matrix,
     )
 
 
@@ -147,7 +148,7 @@ def test_what_a_jet_may_be_off_by_is_bounded(drawn, rounding):
     bounds = bounds_of(cubic, half, rounding, off=rounding)
     base, corner = np.append(half, np.zeros(M)), np.append(half, radius)
     assert np.all(bounds.y[0] >= -cubic(base) * (1 - 1e-13))
-    shrunk = bounds.contraction(radius[None], weight[None]).of(weight[None])[0]
+    shrunk = bounds.contraction(radius[None]).of(weight[None])[0]
     assert np.all(shrunk >= ((np.eye(M) - cubic.slope(corner)) @ weight) * (1 - 1e-13))
 
 

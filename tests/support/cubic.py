@@ -45,7 +45,7 @@ class Cubic:
         self.asked.append(("third", np.array(box)))
         return np.tile(TAU, (len(theta), 1))
 
-    def third_along(self, system, stack, theta, turn):
+    def third_along(self, problem, theta, turn):
         return np.einsum("mijk,bk->bmij", self.T, turn)
 
 

@@ -118,7 +118,7 @@ def assert_bounds_are(bounds, stated, radius, weight, rtol):
     for found, expected in (
         (bounds.y, stated.y()),
         (bounds.mean(R).of(R), stated.mean(radius)),
-        (bounds.contraction(R, w).of(w), stated.contraction(radius, weight)),
+        (bounds.contraction(R).of(w), stated.contraction(radius, weight)),
         (bounds.curvature(R, w), stated.curvature(radius, weight)),
     ):
         np.testing.assert_allclose(found[0], expected, rtol=rtol)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import pickle
+import json
+import math
 import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
@@ -16,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.arrays import listener
-from ccpin.containers import ArrayOutline, read, write
 from ccpin.covering.cells import CellStatus, CellTree
 from ccpin.covering.sources import code_digest
-from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.files import writable_folder
+from ccpin.errors import InvalidInputError
+from ccpin.files import writable_folder, write_atomically
+from ccpin.proof.digests import digest
 from ccpin.proof.equations import Problem
 from ccpin.work import Flag, Stopped, Until
 
@@ -28,7 +29,7 @@ Arrays = tuple[NDArray[np.generic], ...]
 Task = Callable[[Problem, Arrays], Arrays]
 
 _POLL = 0.2  # s
-_CHUNK = "ccpin-chunk-1"
+_CHUNK, _SUFFIX = "ccpin-chunk-2", ".chunk"
 _STALLED = 5.0  # s
 
 
@@ -67,6 +68,9 @@ def reporter(progress: Callable[[Progress], None] | None) -> Report:
 class ChunkStore:
     """Results on disk by what they were computed from and by which code; files appear whole or not at all.
 
+    A search reads thousands of small ones, so a file is three things and no archive: the checksum of the other two, a
+    line that says the key, the dtypes and the shapes, and the numbers.
+
     Raises:
         InvalidInputError: The folder is none, or cannot be made or written to.
     """
@@ -74,7 +78,7 @@ class ChunkStore:
     def __init__(self, folder: str | Path | None, problem: Problem) -> None:
         self.folder = None if folder is None else writable_folder(folder, "checkpoint")
         if self.folder is not None:
-            self._origin = code_digest() + hashlib.sha256(pickle.dumps(problem, protocol=4)).digest()
+            self._origin = code_digest() + bytes.fromhex(digest(problem))
 
     def key(self, task: Task, arrays: Arrays) -> str:
         """The name of a result: a digest of the code, the problem, the task and every bit of the arrays.
@@ -83,32 +87,48 @@ class ChunkStore:
         """
         if self.folder is None:
             return ""
-        digest = hashlib.sha256(self._origin + task.__name__.encode())
+        found = hashlib.sha256(self._origin + task.__name__.encode())
         for array in arrays:
-            digest.update(f"{array.dtype}{array.shape}".encode())
-            digest.update(np.ascontiguousarray(array).tobytes())
-        return digest.hexdigest()
+            found.update(f"{array.dtype.str}{array.shape}".encode())
+            found.update(np.ascontiguousarray(array).data)
+        return found.hexdigest()
 
     def load(self, key: str) -> Arrays | None:
         """A stored result, or ``None`` where there is none (or a file that is damaged, or of another name)."""
         if self.folder is None:
             return None
-
-        def own(header: dict[str, Any], outlines: dict[str, ArrayOutline]) -> None:
-            if {*header} != {"format", "key", "checksum"} or (header["format"], header["key"]) != (_CHUNK, key):
-                raise InvalidInputError("it is another's")
-
         try:
-            arrays = read(self.folder / f"{key}.npz", own)[1]
-            return tuple(arrays[f"result{k}"] for k in range(len(arrays)))
-        except (CcpinError, KeyError):
+            whole = (self.folder / f"{key}{_SUFFIX}").read_bytes()
+            checksum, head, numbers = whole.split(b"\n", 2)
+            if checksum != _checksum(head, numbers):
+                return None
+            header = json.loads(head)
+            if {*header} != {"format", "key", "arrays"} or (header["format"], header["key"]) != (_CHUNK, key):
+                return None
+            found, start = list[NDArray[Any]](), 0
+            for name, shape in header["arrays"]:
+                dtype = np.dtype(name)
+                array = np.frombuffer(numbers, dtype, math.prod(shape), start).reshape(shape)
+                found.append(array.copy())
+                start += array.nbytes
+            return tuple(found)
+        except (OSError, ValueError, TypeError):
             return None
 
     def save(self, key: str, result: Arrays) -> None:
         """Store a result."""
         if self.folder is not None:
-            arrays = {f"result{k}": np.asarray(array) for k, array in enumerate(result)}
-            write(self.folder / f"{key}.npz", {"format": _CHUNK, "key": key}, arrays)
+            arrays = [np.asarray(array) for array in result]
+            outlines = [[array.dtype.str, array.shape] for array in arrays]
+            head = json.dumps({"format": _CHUNK, "key": key, "arrays": outlines}).encode()
+            numbers = b"".join(array.tobytes() for array in arrays)
+            whole = b"\n".join([_checksum(head, numbers), head, numbers])
+            write_atomically(self.folder / f"{key}{_SUFFIX}", "wb", lambda file: file.write(whole))
+
+
+def _checksum(head: bytes, numbers: bytes) -> bytes:
+    """SHA-256 of what a file holds below it."""
+    return hashlib.sha256(head + b"\n" + numbers).hexdigest().encode()
 
 
 class Runner:

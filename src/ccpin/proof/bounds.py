@@ -25,6 +25,7 @@ are covered by the factor 1 + 1e-10 with which `newton` compares.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -55,6 +56,17 @@ class Image(NamedTuple):
         return np.asarray(apply(self.matrix, vector) + self.rest)
 
 
+class Contraction(NamedTuple):
+    """Z in two parts: a matrix (B, m, m), and what is to be added to matrix · w, linear in w (B, m)."""
+
+    matrix: Array
+    rest: Callable[[Array], Array]
+
+    def of(self, weight: Array) -> Array:
+        """Zw for weights w (B, m), of shape (B, m)."""
+        return np.asarray(apply(self.matrix, weight) + self.rest(weight))
+
+
 class Bounds(Protocol):
     """Y, Z̄ and Z of B boxes."""
 
@@ -65,8 +77,8 @@ class Bounds(Protocol):
     def mean(self, radius: Array) -> Image:
         """Z̄(R)R ≤ `.of(R)` for radii (B, m); both parts grow with R."""
 
-    def contraction(self, radius: Array, weight: Array) -> Image:
-        """Z(R)w ≤ `.of(w)` for radii and weights (B, m); the rest is linear in w."""
+    def contraction(self, radius: Array) -> Contraction:
+        """Z(R) for radii (B, m): Z(R)w ≤ `.of(w)`."""
 
     def curvature(self, radius: Array, weight: Array) -> Array:
         """Ω with |f_ζ(δ, ζ) − f_ζ(δ, ζ′)| w ≤ Ω max_k |ζ − ζ′|_k/w_k on the tube, of shape (B, m)."""

@@ -6,6 +6,8 @@ spare, all of what they were.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
@@ -13,6 +15,7 @@ from ccpin.proof.equations import Problem, closure_values
 from ccpin.proof.narrowing import Candidates, directions, narrowed
 from ccpin.proof.ranges import Ranges
 from ccpin.proof.rounding import blur, widened
+from ccpin.work import side_by_side
 
 BEYOND = 1e-12
 """How far a search goes beyond its region each way; what two bounds may be apart by is less (rad, m)."""
@@ -43,14 +46,18 @@ def narrowed_both(problem: Problem, ranges: Ranges, waiting: Candidates, singula
     Where singular ones are looked for, those that are nonsingular are dropped, unless they meet the end of a range that
     is a limit: beyond the others no configuration goes on (Lemma R of `ccpin.proof.ranges`).
     """
-    parts = [rows_of(waiting, slice(0))]
-    for first in range(0, len(waiting.cell), _CHUNK):
-        part = narrowed(problem, rows_of(waiting, slice(first, first + _CHUNK)))
-        if part.cell.size:
-            inner = ~ranges.at_limit(*_extent(problem, part)) if singular else None
-            parts.append(narrowed(problem, part, True, inner))
-    result = joined(parts)
+    parts = [rows_of(waiting, slice(first, first + _CHUNK)) for first in range(0, len(waiting.cell), _CHUNK)]
+    found = side_by_side(partial(_narrowed_both, problem, ranges, singular), parts)
+    result = joined([rows_of(waiting, slice(0)), *found])
     return rows_of(result, ~beyond(problem, ranges, result))
+
+
+def _narrowed_both(problem: Problem, ranges: Ranges, singular: bool, part: Candidates) -> Candidates:
+    part = narrowed(problem, part)
+    if not part.cell.size:
+        return part
+    inner = ~ranges.at_limit(*_extent(problem, part)) if singular else None
+    return narrowed(problem, part, True, inner)
 
 
 def beyond(problem: Problem, ranges: Ranges, boxes: Candidates) -> Mask:

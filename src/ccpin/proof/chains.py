@@ -97,6 +97,12 @@ class ClosureSystem:
             scale += float(length) * _largest_row(chain)
         return scale
 
+    @cached_property
+    def _slides(self) -> tuple[tuple[Indices, float], ...]:
+        """The joints of each chain that slide, where there are any, and the length of the largest row of B_c."""
+        sliding = (chain for chain in self.chains if np.any(chain.prismatic))
+        return tuple((chain.joints[chain.prismatic], _largest_row(chain)) for chain in sliding)
+
     @property
     def depth(self) -> int:
         """The largest number of joints in a chain."""
@@ -118,10 +124,8 @@ class ClosureSystem:
         Beyond 4 rad it grows with the angles: planar bounds add them up, with the roundings of so large numbers.
         """
         total = np.full(len(theta), self.scale)
-        for chain in self.chains:
-            if np.any(chain.prismatic):
-                slides = np.abs(theta[:, chain.joints[chain.prismatic]]).sum(axis=1)
-                total += slides * _largest_row(chain)
+        for joints, gain in self._slides:
+            total += np.abs(theta[:, joints]).sum(axis=1) * gain
         return np.asarray(total * np.maximum(1.0, 0.25 * np.abs(theta).max(axis=1)))
 
 

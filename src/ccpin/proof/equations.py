@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, choice
+from ccpin.arrays import Array, Indices, choice, cross
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.proof.bounds import Bounds, Frame
 from ccpin.proof.chains import Chain, ChainStack, ClosureSystem, gather, stack_chains
@@ -19,7 +19,7 @@ from ccpin.proof.facts import known, require, sealed
 from ccpin.proof.phasors import Phasors, phasor_values, phasors_of, planar_bounds
 from ccpin.proof.reach_bounds import ChainLengths, ReachDrift, chain_reach
 from ccpin.proof.taylor import Pattern, Point, taylor_bounds
-from ccpin.proof.tips import Rows, Turns, by_joint, crossed, positions, sweep, turns_of
+from ccpin.proof.tips import Rows, Turns, by_joint, crossed, moved, positions, sweep, turns_of
 
 BoundsName = Literal["auto", "reach", "planar"]
 
@@ -130,7 +130,7 @@ class Closures:
 
     @cached_property
     def _lengths(self) -> ChainLengths:
-        return ChainLengths.of(self.stack, self.turns)
+        return ChainLengths.of(self.stack)
 
     @cached_property
     def _sums(self) -> _Sums:
@@ -185,8 +185,9 @@ class Closures:
         count, m = len(centre), self.system.m
         chains = len(self.system.chains)
         rows = frame.preconditioner @ np.transpose(self.stack.weights, (1, 2, 0)).reshape(m, 3 * chains)
-        gains = np.sqrt(np.square(rows.reshape(count, m, 3, chains)).sum(axis=2))
-        drift = ReachDrift(self._lengths, gains, by_joint(self.turns, np.abs(centre)), arms, point.rounding)
+        square = np.square(rows).reshape(count, m, 3, chains)
+        gains = np.sqrt(square[:, :, 0] + square[:, :, 1] + square[:, :, 2])
+        drift = ReachDrift(self._lengths, gains, by_joint(self.turns.joints, np.abs(centre)), arms, point.rounding)
         return taylor_bounds(point, frame, drift)
 
 
@@ -311,3 +312,18 @@ def third_bound(problem: Problem | Closures, theta: Array, arms: Array, box: Arr
     reach = chain_reach(stack, arms, gather(stack, np.abs(theta)), gather(stack, box), margin)
     gains = np.swapaxes(np.linalg.norm(stack.weights, axis=2), 0, 1)
     return np.asarray(reach.max(axis=2, initial=0.0) @ gains.T)
+
+
+def third_along(problem: Problem | Closures, theta: Array, turn: Array) -> Array:
+    """Σ_k ∂³φ/∂θ_i∂θ_j∂θ_k v_k at θ (B, n′) for v of shape (B, n′), of shape (B, m, n′, n′)."""
+    equations = closures_of(problem)
+    system, stack = equations.system, equations.stack
+    motion, rates = moved(equations.turns, theta), gather(stack, turn)
+    k, size = stack.joints.shape[1], system.n_free
+    first, middle, last = np.sort(np.indices((k, k, k)).reshape(3, -1), axis=0)
+    product = cross(motion.a[:, :, first], cross(motion.a[:, :, middle], motion.b[:, :, last]))
+    tensor = product.reshape(*motion.b.shape[:2], k * k, k, 3)
+    turned = (rates[:, :, None, None] @ tensor)[..., 0, :] @ np.swapaxes(stack.weights, 1, 2)
+    parts = np.moveaxis(turned.reshape(*motion.b.shape[:2], k, k, system.m), 4, 1)
+    place = stack.placement.reshape(-1, k, size)
+    return np.asarray((np.swapaxes(place, 1, 2) @ parts @ place).sum(axis=2))

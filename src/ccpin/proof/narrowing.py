@@ -72,7 +72,8 @@ def narrowed(problem: Problem, boxes: Candidates, inverse: bool = False, regular
     if inverse:
         with np.errstate(all="ignore"):
             if regular is not None:
-                gone |= regular & (weights_for(bounds, np.zeros((count, system.m)))[1] < 1.0)
+                rows = np.flatnonzero(regular & ~gone)
+                gone[rows] = weights_for(bounds.take(rows), np.zeros((len(rows), system.m)))[1] < 1.0
         better = _size(problem, smaller, jacobian) < _SMALLER * _size(problem, given, jacobian)
         smaller = _chosen(better, smaller, given)
     return rows_of(smaller, np.flatnonzero(~gone))
@@ -146,9 +147,10 @@ def alone_in(problem: Problem, boxes: Boxes, held: Candidates) -> Mask:
         inside = bounds.y + bounds.mean(reach).of(reach)
         reach = np.maximum(np.fmin(reach, inside * SLACK), boxes.radius)
         weight = boxes.weight
+        image = bounds.contraction(reach)
         for _ in range(4):
-            shrunk = bounds.contraction(reach, weight).of(weight)
+            shrunk = image.of(weight)
             weight = 0.5 * (weight + shrunk / np.max(shrunk, axis=1, keepdims=True))
-        shrunk = bounds.contraction(reach, weight).of(weight)
+        shrunk = image.of(weight)
         alone = np.all(shrunk * SLACK < weight, axis=1)
     return np.asarray(alone & np.isfinite(shrunk).all(axis=1))

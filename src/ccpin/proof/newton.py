@@ -6,6 +6,7 @@ their inequalities are checked here: Y, Z and Z̄ from `bounds`, (N1) and (N2) i
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from ccpin.proof.bounds import Bounds, Frame
 from ccpin.proof.chains import ClosureSystem
 from ccpin.proof.equations import Closures, Problem, closure_values, closures_of
 from ccpin.proof.rounding import SLACK, TURN, UNIT_ROUNDOFF, blur, widened
+from ccpin.work import side_by_side
 
 _PART = 256  # boxes at once: bounds memory
 _POWERS = 8  # steps: more find a w where κ is nearly 1, and none is believed without its inequality
@@ -67,21 +69,24 @@ def check(equations: Closures, boxes: Boxes) -> Checked:
     found = Checked(np.zeros(len(boxes.kappa), dtype=np.bool_), np.zeros_like(boxes.radius))
     plain = np.all(boxes.modes == np.eye(equations.system.m), axis=(1, 2))
     for reach in (False, True) if equations.phasors is not None else (True,):
-        for alike in (plain, ~plain):
-            rows = np.flatnonzero(alike & ~found.proved)
-            for first in range(0, len(rows), _PART):
-                part = rows[first : first + _PART]
-                some = boxes.take(part)
-                with np.errstate(all="ignore"):
-                    bounds = equations.bounds(some.centre, frame_of(equations, some), reach)
-                    found.proved[part], found.image[part] = holds(bounds, some)
+        each = [np.flatnonzero(alike & ~found.proved) for alike in (plain, ~plain)]
+        parts = [rows[first : first + _PART] for rows in each for first in range(0, len(rows), _PART)]
+        for part, done in zip(parts, side_by_side(partial(_checked, equations, boxes, reach), parts), strict=True):
+            found.proved[part], found.image[part] = done
     return found
+
+
+def _checked(equations: Closures, boxes: Boxes, reach: bool, rows: Indices) -> Checked:
+    """The same of some of the boxes, with one kind of bounds."""
+    some = boxes.take(rows)
+    with np.errstate(all="ignore"):
+        return holds(equations.bounds(some.centre, frame_of(equations, some), reach), some)
 
 
 def holds(bounds: Bounds, boxes: Boxes) -> Checked:
     """Whether (N1) Y + Z̄(R)R < R and (N2) Z(R)w ≤ κw, κ < 1, w > 0 hold, given bounds of B boxes."""
     radius, weight = boxes.radius, boxes.weight
-    image, shrunk = bounds.mean(radius).of(radius), bounds.contraction(radius, weight).of(weight)
+    image, shrunk = bounds.mean(radius).of(radius), bounds.contraction(radius).of(weight)
     inside = np.all((bounds.y + image) * SLACK < radius, axis=1)
     contracts = np.all(shrunk * SLACK <= boxes.kappa[:, None] * weight, axis=1)
     finite = np.isfinite(bounds.y + image + shrunk).all(axis=1) & (boxes.kappa < 1.0)
@@ -125,19 +130,18 @@ def weights_for(bounds: Bounds, radius: Array) -> tuple[Array, Array]:
     Returns:
         w, of shape (B, m), and κ, of shape (B,).
     """
-    image = bounds.contraction(radius, np.ones_like(radius))
-    weight = np.abs(solve_many(np.eye(radius.shape[1]) - image.matrix, 1.0 + image.rest))
-    best, kappa = np.ones_like(radius), np.full(len(radius), np.inf)
-    active = np.arange(len(radius))
+    image, going = bounds.contraction(radius), np.ones(len(radius), dtype=np.bool_)
+    weight = np.abs(solve_many(np.eye(radius.shape[1]) - image.matrix, 1.0 + image.rest(np.ones_like(radius))))
+    kappa = np.full(len(radius), np.inf)
     for _ in range(_POWERS):
-        weight = weight / weight.max(axis=1, keepdims=True)
-        shrunk = bounds.contraction(radius[active], weight).of(weight)
-        best[active], kappa[active] = weight, (shrunk / weight).max(axis=1) * SLACK * SLACK + _ROUNDED
-        going = np.flatnonzero(~(kappa[active] < 1.0))
-        if not going.size:
+        weight[going] /= weight[going].max(axis=1, keepdims=True)
+        shrunk = image.of(weight)
+        kappa[going] = ((shrunk / weight).max(axis=1) * SLACK * SLACK + _ROUNDED)[going]
+        going = ~(kappa < 1.0)
+        if not going.any():
             break
-        weight, active, bounds = 0.5 * (weight + shrunk)[going], active[going], bounds.take(going)
-    return best, kappa
+        weight[going] = 0.5 * (weight + shrunk)[going]
+    return weight, kappa
 
 
 _MOST_STEPS = 20000  # for a κ of nearly 1; what has not come to rounding by then raises

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, apply, cross, rows_of
-from ccpin.proof.bounds import Frame, Image, LinearPart, Rows, linear_part
+from ccpin.proof.bounds import Contraction, Frame, Image, LinearPart, Rows, linear_part
 from ccpin.proof.chains import Chain, ClosureSystem
 from ccpin.proof.rounding import UNIT_ROUNDOFF
 
@@ -168,13 +168,13 @@ class PlanarBounds(NamedTuple):
         versine = 0.5 * (a * a + a * b + b * b / 3.0)
         sine = np.sin(np.minimum(a + 0.5 * b, 0.5 * np.pi))
         cube = (4.0 * a**3 + 6.0 * a * a * b + 4.0 * a * b * b + b**3) / 24.0
-        return self._image(radius, 0.5 * radius, versine, sine, cube)
+        return Image(self._matrix(radius, 0.5 * radius, versine, sine, cube), np.zeros_like(radius))
 
-    def contraction(self, radius: Array, weight: Array) -> Image:
+    def contraction(self, radius: Array) -> Contraction:
         """See `Bounds`."""
         angle = self.angle + self._widths(radius)
         sine = np.sin(np.minimum(angle, 0.5 * np.pi))
-        return self._image(radius, radius, _versine(angle), sine, angle**3 / 6.0)
+        return Contraction(self._matrix(radius, radius, _versine(angle), sine, angle**3 / 6.0), np.zeros_like)
 
     def curvature(self, radius: Array, weight: Array) -> Array:
         """See `Bounds`."""
@@ -186,7 +186,7 @@ class PlanarBounds(NamedTuple):
         """|CE|R, of shape (B, K)."""
         return apply(np.abs(self.modes), radius)
 
-    def _image(self, radius: Array, linear: Array, versine: Array, sine: Array, cube: Array) -> Image:
+    def _matrix(self, radius: Array, linear: Array, versine: Array, sine: Array, cube: Array) -> Array:
         """|I − Ãφ_θE| + the smaller bound of |Σ α sin u (CE)| + |Σ κ (1 − cos u)(CE)|; `linear` is R in |N|(h, R)."""
         width = np.concatenate([self.linear.half, linear], axis=1)[:, None, :, None]
         modes = np.swapaxes(self.modes, 1, 2)[:, None]
@@ -194,8 +194,7 @@ class PlanarBounds(NamedTuple):
         expanded = (self.mixed @ width)[..., 0] + (alpha @ cube[:, None, :, None])[..., 0]
         first = np.minimum(expanded, (alpha @ sine[:, None, :, None])[..., 0])
         second = _one_signed(self.kappa[:, :, None] * modes, versine[:, None, None])
-        matrix = self.linear.affine(self.linear.widths(radius)) + first + second
-        return Image(matrix, np.zeros_like(radius))
+        return np.asarray(self.linear.affine(self.linear.widths(radius)) + first + second)
 
 
 def planar_bounds(phasors: Phasors, values: PhasorValues, frame: Frame) -> PlanarBounds:

@@ -12,9 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, apply, inverses, rows_of
-from ccpin.proof.equations import Closures, Derivatives, third_bound
+from ccpin.proof.equations import Closures, Derivatives, third_along, third_bound
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
-from ccpin.proof.tips import third_along
 
 _RADII = (2.0, 8.0, 64.0)  # of the last Newton step's length: tried in turn, the least that is proved is the error
 
@@ -93,12 +92,12 @@ class Prolongation(NamedTuple):
 
     def slope(self, point: ProlongedPoint) -> Array:
         """F′, of shape (B, unknowns, unknowns)."""
-        system, stack, hessian = self.equations.system, self.equations.stack, point.values.hessian
+        system, hessian = self.equations.system, point.values.hessian
         blocks = [point.values.jacobian, self._along(hessian, point.kernel[:, 0])]
         if self.order == 2:
             v = np.zeros_like(point.theta)
             v[:, system.dependent] = point.kernel[:, 0]
-            third = apply(third_along(system, stack, point.theta, v), v[:, None])
+            third = apply(third_along(self.equations, point.theta, v), v[:, None])
             blocks.append(third + self._along(hessian, point.kernel[:, 1]))
         return self._assembled(blocks, self.directions, self.pairing)
 

@@ -16,29 +16,34 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccpin.arrays import Array, apply
+from ccpin.arrays import Array, Indices, apply
 from ccpin.proof.bounds import Rows
 from ccpin.proof.chains import ChainStack
 from ccpin.proof.taylor import Form
-from ccpin.proof.tips import Turns, by_joint, turns_of
+from ccpin.proof.tips import by_joint
 
 
 @dataclass(frozen=True, eq=False)
 class ChainLengths:
-    """Lengths in a stack of chains: of links behind joints (k, C, 1), tips (C, 1); 1.0 where slides move a point."""
+    """Lengths in a stack of chains: of links behind joints (k, C, 1), tips (C, 1); 1.0 where slides move a point.
 
-    turns: Turns
+    `joints` and `turning` are those of `Turns`.
+    """
+
+    joints: Indices
+    turning: Array
     links: Array
     tips: Array
     travelling: Array
 
     @classmethod
-    def of(cls, stack: ChainStack, turns: Turns) -> ChainLengths:
+    def of(cls, stack: ChainStack) -> ChainLengths:
         """Of a stack of chains."""
         points = stack.points[:, None]
         links = np.linalg.norm(stack.translations, axis=2) * points
         tips, travelling = np.linalg.norm(stack.tips, axis=1), stack.sliding * points
-        return cls(turns, links.T[..., None], tips[:, None], travelling.T[..., None])
+        turning = stack.turning.T[..., None]
+        return cls(stack.joints.T, turning, links.T[..., None], tips[:, None], travelling.T[..., None])
 
     def reach(self, arms: Array, position: Array, box: Array, rounding: Array) -> Array:
         """ρ ≥ |b_l| of every joint wherever the joints move by at most `box`; everything of shape (k, C, B).
@@ -54,7 +59,7 @@ class ChainLengths:
         for j in reversed(range(len(arms))):
             length = length + travel[j]
             shorter = np.minimum(length, arms[j] + rounding + drift)
-            reach[j] = self.turns.turning[j] * shorter + self.travelling[j]
+            reach[j] = self.turning[j] * shorter + self.travelling[j]
             drift = drift + reach[j] * box[j]
             length = length + self.links[j]
         return reach
@@ -90,11 +95,11 @@ class ReachDrift:
 
     def over(self, box: Array) -> Form:
         """See `DriftBound`."""
-        turns = self.lengths.turns
-        reach = self.lengths.reach(self.arms, self.position, by_joint(turns, box), self.rounding)
+        joints, turning = self.lengths.joints, self.lengths.turning
+        reach = self.lengths.reach(self.arms, self.position, by_joint(joints, box), self.rounding)
 
         def form(x: Array, y: Array, z: Array) -> Array:
-            total = trilinear(turns.turning, reach, *(by_joint(turns, vector) for vector in (x, y, z)))
+            total = trilinear(turning, reach, *(by_joint(joints, vector) for vector in (x, y, z)))
             return apply(self.gains, total.T)
 
         return form
@@ -108,5 +113,5 @@ class ReachDrift:
 def chain_reach(stack: ChainStack, arms: Array, position: Array, box: Array, rounding: Array) -> Array:
     """`ChainLengths.reach` with the configurations first: everything of shape (B, C, k)."""
     arms, position, box = (np.transpose(values, (2, 1, 0)) for values in (arms, position, box))
-    found = ChainLengths.of(stack, turns_of(stack)).reach(arms, position, box, rounding)
+    found = ChainLengths.of(stack).reach(arms, position, box, rounding)
     return np.ascontiguousarray(np.transpose(found, (2, 1, 0)))

@@ -112,8 +112,9 @@ def _contraction(problem: Problem, boxes: Boxes) -> Array:
 
 def _column(bounds: Bounds, radius: Array, k: int) -> Array:
     """A column of Z, of shape (B, m)."""
-    image = bounds.contraction(radius, np.broadcast_to(np.eye(radius.shape[1])[k], radius.shape))
-    return np.asarray((image.matrix[:, :, k] + image.rest) * SLACK)
+    image = bounds.contraction(radius)
+    unit = np.broadcast_to(np.eye(radius.shape[1])[k], radius.shape)
+    return np.asarray((image.matrix[:, :, k] + image.rest(unit)) * SLACK)
 
 
 def _first(problem: Problem, boxes: Boxes) -> Array:

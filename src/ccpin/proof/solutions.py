@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from ccpin.proof.equations import Closures
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
 from ccpin.proof.newton import Boxes, SolutionBall, TubesAt, check, in_tubes, noise_of, reached
 from ccpin.proof.rounding import SLACK, TURN, UNIT_ROUNDOFF, product_of, sum_of
+from ccpin.work import side_by_side
 
 _PART = 256  # pairs of boxes at once: bounds memory
 _PI_OFF = 8.5 * UNIT_ROUNDOFF  # 2π as a double is off by 2.21u, a product of it by 2πu a turn at most
@@ -130,13 +132,17 @@ class GluedBoxes(ProvableClaim):
         same = np.zeros(len(self.first), dtype=np.bool_)
         turn = np.zeros((len(self.first), self.equations.system.n), dtype=np.int64)
         plain = tubes.plain[self.first] & tubes.plain[self.second]
-        for alike in (np.flatnonzero(plain), np.flatnonzero(~plain)):
-            for start in range(0, len(alike), _PART):
-                rows = alike[start : start + _PART]
-                here, there = (self.first[rows], self.at_first[rows]), (self.second[rows], self.at_second[rows])
-                with np.errstate(all="ignore"):
-                    same[rows], turn[rows] = _agree(self.equations, tubes, here, there)
+        each = np.flatnonzero(plain), np.flatnonzero(~plain)
+        parts = [alike[start : start + _PART] for alike in each for start in range(0, len(alike), _PART)]
+        for rows, done in zip(parts, side_by_side(partial(self._agree, tubes), parts), strict=True):
+            same[rows], turn[rows] = done
         return Examined(same, {"turn": turn})
+
+    def _agree(self, tubes: _GlueBoxes, rows: Indices) -> tuple[Mask, Indices]:
+        """Whether some of the pairs are glued, and the turns between them."""
+        here, there = (self.first[rows], self.at_first[rows]), (self.second[rows], self.at_second[rows])
+        with np.errstate(all="ignore"):
+            return _agree(self.equations, tubes, here, there)
 
 
 @provable

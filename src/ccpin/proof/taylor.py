@@ -20,7 +20,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ccpin.arrays import Array, Indices, apply, rows_of
-from ccpin.proof.bounds import Frame, Image, LinearPart, Rows, linear_part
+from ccpin.proof.bounds import Contraction, Frame, Image, LinearPart, Rows, linear_part
 from ccpin.proof.tips import layers
 
 Form = Callable[[Array, Array, Array], Array]
@@ -150,11 +150,14 @@ class TaylorBounds:
         rest = third(moves, moves, widths) + third(moves, widths, widths) + third(widths, widths, widths) / 3.0
         return Image(self._matrix(widths, 0.5 * radius), 0.5 * rest)
 
-    def contraction(self, radius: Array, weight: Array) -> Image:
+    def contraction(self, radius: Array) -> Contraction:
         """See `Bounds`."""
         widths = self.linear.widths(radius)
         box = self.linear.moves + widths
-        return Image(self._matrix(widths, radius), 0.5 * self.drift.over(box)(box, box, self.linear.widths(weight)))
+        third = self.drift.over(box)
+        return Contraction(
+            self._matrix(widths, radius), lambda weight: 0.5 * third(box, box, self.linear.widths(weight))
+        )
 
     def curvature(self, radius: Array, weight: Array) -> Array:
         """See `Bounds`."""

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, cross, skew
-from ccpin.proof.chains import ChainStack, ClosureSystem, gather
+from ccpin.arrays import Array, Indices, skew
+from ccpin.proof.chains import ChainStack
 
 
 class SweptChains(NamedTuple):
@@ -78,14 +78,14 @@ def _last(array: Array) -> Array:
     return np.ascontiguousarray(np.moveaxis(np.swapaxes(array, 0, 1), 1, -1))[..., None]
 
 
-def by_joint(turns: Turns, values: Array) -> Array:
-    """Values of joints (B, n′) by joint and chain, of shape (k, C, B), zero where padded."""
-    return np.asarray(np.concatenate([values.T, np.zeros((1, len(values)))])[turns.joints])
+def by_joint(joints: Indices, values: Array) -> Array:
+    """Values (B, n′) of joints (k, C), n′ where padded: by joint and chain, of shape (k, C, B), zero where padded."""
+    return np.asarray(np.concatenate([values.T, np.zeros((1, len(values)))])[joints])
 
 
 def positions(turns: Turns, theta: Array) -> Array:
     """Tips at θ (B, n′), of shape (3, C, B): from the tips to the root, as no axes are asked for."""
-    angles = by_joint(turns, theta)
+    angles = by_joint(turns.joints, theta)
     cosine, sine, slides = np.cos(angles), np.sin(angles), angles * turns.sliding
     x = np.broadcast_to(turns.tips, (3, *angles.shape[1:]))
     for j in reversed(range(len(angles))):
@@ -98,7 +98,7 @@ def positions(turns: Turns, theta: Array) -> Array:
 
 def sweep(turns: Turns, theta: Array) -> SweptChains:
     """Move all chains from root to tip at θ (B, n′)."""
-    angles = by_joint(turns, theta)
+    angles = by_joint(turns.joints, theta)
     cosine, sine, slides = np.cos(angles), np.sin(angles), angles * turns.sliding
     axes, origins = np.empty((3, *angles.shape)), np.empty((3, *angles.shape))
     turn, origin = np.broadcast_to(np.eye(3)[..., None, None], (3, 3, *angles.shape[1:])), np.zeros((3, 1, 1))
@@ -189,19 +189,11 @@ class StackMotion(NamedTuple):
 
 def move(stack: ChainStack, theta: Array) -> StackMotion:
     """The chains at θ of shape (B, n′)."""
-    motion = sweep(turns_of(stack), theta)
+    return moved(turns_of(stack), theta)
+
+
+def moved(turns: Turns, theta: Array) -> StackMotion:
+    """The same, where the constants are known."""
+    motion = sweep(turns, theta)
     a, b = (np.ascontiguousarray(np.transpose(vectors, (3, 2, 1, 0))) for vectors in (motion.a, motion.b))
     return StackMotion(np.ascontiguousarray(np.transpose(motion.x, (2, 1, 0))), a, b)
-
-
-def third_along(system: ClosureSystem, stack: ChainStack, theta: Array, turn: Array) -> Array:
-    """Σ_k ∂³φ/∂θ_i∂θ_j∂θ_k v_k at θ (B, n′) for v of shape (B, n′), of shape (B, m, n′, n′)."""
-    motion, rates = move(stack, theta), gather(stack, turn)
-    k, size = stack.joints.shape[1], system.n_free
-    first, middle, last = np.sort(np.indices((k, k, k)).reshape(3, -1), axis=0)
-    product = cross(motion.a[:, :, first], cross(motion.a[:, :, middle], motion.b[:, :, last]))
-    tensor = product.reshape(*motion.b.shape[:2], k * k, k, 3)
-    turned = (rates[:, :, None, None] @ tensor)[..., 0, :] @ np.swapaxes(stack.weights, 1, 2)
-    parts = np.moveaxis(turned.reshape(*motion.b.shape[:2], k, k, system.m), 4, 1)
-    place = stack.placement.reshape(-1, k, size)
-    return np.asarray((np.swapaxes(place, 1, 2) @ parts @ place).sum(axis=2))

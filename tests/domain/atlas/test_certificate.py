@@ -46,7 +46,7 @@ def assert_bounds_hold(problem, theta, trials=150):
     found = bounds_of(problem, boxes)
     image, shrunk = (
         found.mean(boxes.radius).of(boxes.radius),
-        found.contraction(boxes.radius, boxes.weight).of(boxes.weight),
+        found.contraction(boxes.radius).of(boxes.weight),
     )
     curvature = found.curvature(boxes.radius, boxes.weight)
 

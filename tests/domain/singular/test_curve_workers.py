@@ -105,7 +105,7 @@ def test_after_an_interrupt_the_same_call_goes_on(rpdr, alone, tmp_path):
     early = domain.certify_singularities(rpdr, REGION, checkpoint=tmp_path, progress=stop)
     assert (early.complete, early.verdict) == (False, "undecided")
     assert everything.count > 40  # that boxes do go through it
-    kept = len(list(tmp_path.glob("*.npz")))
+    kept = len(list(tmp_path.glob("*.chunk")))
     assert 0 < kept < everything.count
     rest, none = Counted(), Counted()
     assert same(alone, domain.certify_singularities(rpdr, REGION, executor=rest, checkpoint=tmp_path))
@@ -128,7 +128,7 @@ def test_chunks_are_those_of_their_own_closures(rpdr, tmp_path):
 
 @pytest.mark.slow
 def test_work_that_goes_on_is_shared_too(rpdr, tmp_path):
-    """`continued` in this process, in two, and a second time from chunks that are kept."""
+    """`continued` in this thread, in two, and a second time from chunks that are kept."""
     early = domain.certify_singularities(rpdr, REGION, budget=3000)
     whole, none = early.continued(checkpoint=tmp_path), Counted()
     assert whole.verdict == "proven"

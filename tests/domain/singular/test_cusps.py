@@ -8,9 +8,8 @@ from ccpin import domain
 from ccpin.domain.closures.system import reading_of
 from ccpin.domain.singular.cusp_points import proved_cusps
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.proof.equations import closures_of, derivatives
+from ccpin.proof.equations import closures_of, derivatives, third_along
 from ccpin.proof.prolongations import Prolongation
-from ccpin.proof.tips import third_along
 from tests.oracles import planar_3rpr as oracle
 from tests.support.legs import load_slice
 
@@ -68,7 +67,7 @@ def test_third_derivatives_against_differences(name):
     theta, v, step = rng.normal(size=(1, at.system.n_free)), rng.normal(size=(1, at.system.n_free)), 1e-5
     ends = [derivatives(at, theta + side * step * v).hessian for side in (1.0, -1.0)]
     expected = (ends[0] - ends[1]) / (2.0 * step)
-    assert np.abs(third_along(at.system, at.stack, theta, v) - expected).max() < 1e-8
+    assert np.abs(third_along(at, theta, v) - expected).max() < 1e-8
 
 
 def test_the_slope_and_its_drift():

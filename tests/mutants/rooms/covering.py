@@ -98,7 +98,11 @@ ROOMS: tuple[Room, ...] = (
             ("movable & np.isfinite(turns)", "not asked: np.isfinite(turns)", "nothing is proved about no numbers"),
         ),
     ),
-    Room("covering/runner", ("ChunkStore.__init__", "ChunkStore.key", "ChunkStore.load", "Runner.map"), _CHUNKS),
+    Room(
+        "covering/runner",
+        ("ChunkStore.__init__", "ChunkStore.key", "ChunkStore.load", "_checksum", "Runner.map"),
+        _CHUNKS,
+    ),
     Room("covering/sources", ("_digest",), _CHUNKS),
 )
 

@@ -13,6 +13,7 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "proof/curves/tubes",
         (
+            "tangents_at",
             "bounds_of",
             "certify_tubes",
             "_room",
@@ -22,7 +23,11 @@ ROOMS: tuple[Room, ...] = (
             "glued",
             "_begin_in",
         ),
-        ("proof/curves/test_sharp_tubes.py", "proof/curves/test_sharp_places.py"),
+        (
+            "proof/curves/test_sharp_tubes.py",
+            "proof/curves/test_sharp_places.py",
+            "proof/curves/test_sharp_settled_boxes.py",
+        ),
         _TUBES,
     ),
     Room(

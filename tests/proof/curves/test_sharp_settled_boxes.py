@@ -17,7 +17,7 @@ from ccpin.proof.curves.settled_boxes import (
     settled,
     settled_beside,
 )
-from ccpin.proof.curves.tubes import Frames, TubeBounds
+from ccpin.proof.curves.tubes import TubeBounds, tangents_at
 from ccpin.proof.rounding import SLACK
 from tests.support.made_up import made_up
 from tests.support.waiting import any_boxes, any_tubes
@@ -185,7 +185,7 @@ def test_a_box_lies_in_the_slanted_box_drawn_about_it(monkeypatch):
     monkeypatch.setattr(
         module, "first_order", lambda problem, theta, kernel, pairing: seen.append((theta, kernel, pairing)) or (0, 0)
     )
-    monkeypatch.setattr(module, "frames_at", lambda slope: Frames(np.array([ALONG]), tangent, np.zeros((1, N, 5))))
+    monkeypatch.setattr(module, "tangents_at", lambda slope: (np.array([ALONG]), tangent))
     monkeypatch.setattr(
         module, "_narrowed", lambda problem, boxes, beside: seen.append(boxes) or (np.array([True]), boxes)
     )
@@ -206,13 +206,27 @@ def test_a_box_lies_in_the_slanted_box_drawn_about_it(monkeypatch):
     assert boxes.radius[0, ALONG] == 0.0
 
 
+@pytest.mark.parametrize("count", [1, 3])
+def test_tangents_are_of_length_one_in_their_largest_component(count):
+    """The kernel of G′, which way it points told by `forward` where that is given."""
+    slope = np.random.default_rng(count).normal(size=(count, N - 1, N))
+    along, tangent = tangents_at(slope)
+    np.testing.assert_allclose(np.einsum("kij,kj->ki", slope, tangent), 0.0, atol=1e-13)
+    np.testing.assert_array_equal(np.abs(tangent[np.arange(count), along]), 1.0)
+    np.testing.assert_array_equal(np.abs(tangent).max(axis=1), 1.0)
+    for forward in (tangent[0], -tangent[0]):
+        turned = tangents_at(slope, forward)[1]
+        np.testing.assert_array_equal(np.abs(turned), np.abs(tangent))
+        assert np.all(turned @ forward > 0.0)
+
+
 def test_what_is_empty_or_inside_is_settled_and_nothing_else(monkeypatch):
     """At once or narrowed again; boxes 2 and 3 are narrowed by half, box 4 by nothing, box 5 in one coordinate only."""
     rng, count = np.random.default_rng(5), 6
     tubes, passes = any_tubes(rng, count, ALONG)._replace(half=np.arange(1.0, count + 1)), []
-    frames = Frames(np.full(count, ALONG), np.ones((count, N)), np.zeros((count, N, 5)))
+    tangents = np.full(count, ALONG), np.ones((count, N))
     monkeypatch.setattr(module, "first_order", lambda *_: (0, 0))
-    monkeypatch.setattr(module, "frames_at", lambda slope: frames)
+    monkeypatch.setattr(module, "tangents_at", lambda slope: tangents)
 
     def narrowed(problem, boxes, beside):
         number = beside.half.astype(int) - 1

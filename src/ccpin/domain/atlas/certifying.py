@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from pathlib import Path
@@ -172,7 +173,8 @@ def certify_region(
         SingularConfigurationError: The seed is singular.
     """
     problem, complete = reading.problem, True
-    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers, compiled(problem)) as chosen:
+    threads = math.inf if compiled(problem) else 0
+    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers, threads) as chosen:
         runner = Runner(problem, chosen, work.checkpoint, flag)
         builder = AtlasBuilder(problem, seed, region, runner, reporter(work.progress), shape, effort.budget)
         try:

@@ -119,7 +119,7 @@ def newton_bound(problem: Problem, boxes: Boxes, accuracy: float) -> Array:
         bounds, weight = bounds_of(problem, boxes), boxes.weight
         start = np.max(boxes.radius / weight, axis=1)
         reach = boxes.radius + start[:, None] * weight
-        kappa = np.max(bounds.contraction(reach, weight).of(weight) / weight, axis=1) * SLACK
+        kappa = np.max(bounds.contraction(reach).of(weight) / weight, axis=1) * SLACK
         omega = np.max(bounds.curvature(reach, weight) / weight, axis=1) * SLACK
         c = omega / (2.0 * (1.0 - kappa))
         unit = np.max(apply(np.abs(boxes.modes), weight), axis=1)

@@ -29,7 +29,7 @@ from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.cell_tree import LEVELS
 from ccpin.proof.equations import BoundsName
 from ccpin.proof.ranges import Ranges
-from ccpin.work import Stopped, executor_for, stoppable
+from ccpin.work import FEW, Stopped, executor_for, stoppable
 
 _DEPTHS = {1: 10, 2: 7, 3: 4}  # halvings of an edge
 _DEEPER = 3  # halvings more for boxes
@@ -66,8 +66,8 @@ def certify_sheets(
         seconds: When to stop, measured by the clock: the search takes half of it at most, counting and boxes the rest.
             What is proved by then is kept, as after Ctrl-C.
         bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
-        workers: How many processes to start for the work; the result is the same. A script that asks for more than one
-            needs the guard ``if __name__ == "__main__":``.
+        workers: How many to share the work among, as for `certify`: up to four are threads, more of them processes,
+            for which a script needs the guard ``if __name__ == "__main__":``. The result is the same.
         executor: In place of `workers` anything with ``submit``, as for `certify`.
         checkpoint: A folder in which finished chunks are kept; the same call finds them again after a crash.
         begun: Sheets of the same mechanism and region, interrupted or cut short: the search goes on from theirs.
@@ -129,7 +129,7 @@ def _survey(
 ) -> SheetAtlas:
     """Search, count, certify, glue, and have all of it proved."""
     report, problem = reporter(work.progress), reading.problem
-    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
+    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers, FEW) as chosen:
         runner = Runner(problem, chosen, work.checkpoint, flag)
         first = runner.within(None if effort.seconds is None else 0.5 * effort.seconds)
         cover = cover_singular(first, region, ranges, effort.depth, effort.budget, report, begun)
@@ -147,9 +147,9 @@ def _survey(
                 singular.append(found)
         except Stopped:
             complete = False
-    glued = front.glued if joined_by is None else joined_by
-    proved = proved_sheets(problem, tree, front.boxes, front.members, glued, counted)
-    mark(tree, proved)
+        glued = front.glued if joined_by is None else joined_by
+        proved = proved_sheets(problem, tree, front.boxes, front.members, glued, counted)
+        mark(tree, proved)
     return SheetAtlas(
         names=names,
         region=region,

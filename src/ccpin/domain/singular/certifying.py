@@ -44,8 +44,8 @@ def certify_singularities(
         budget: How many boxes of all coordinates may be tried to find the curves; those that wait then are listed.
         seconds: When to stop, measured by the clock. What is proved by then is kept, as after Ctrl-C.
         bounds: Of φ over boxes: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
-        workers: How many processes to start for the search's boxes, as for `certify_sheets`; curves are followed, and
-            all is proved, in this one. The result is the same whoever does the work.
+        workers: How many to share the search's boxes among, as for `certify_sheets`; curves are followed in this
+            thread. The result is the same whoever does the work.
         executor: In place of `workers` anything with ``submit``, as for `certify`.
         checkpoint: A folder in which finished chunks of boxes and whole curves are kept; the same call finds them again
             after an interrupt or a crash.

@@ -37,7 +37,7 @@ from ccpin.proof.narrowing import Candidates
 from ccpin.proof.newton import without_turns
 from ccpin.proof.ranges import Ranges
 from ccpin.proof.verdict import Verdict, of_file
-from ccpin.work import executor_for, stoppable
+from ccpin.work import FEW, executor_for, stoppable
 
 _SAMPLES = 33  # of a tube
 _TOUCHING = 1e-12  # rad, m: how far roundings may have moved a configuration that is asked about
@@ -396,7 +396,7 @@ def searched(
     if before is not None:
         chains = [TubeChain(curve.tubes, curve.closed) for curve in before.curves]
         waiting, tried = _waiting(problem, before.uncovered), before.tried
-    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
+    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers, FEW) as chosen:
         search = CurveSearch(Runner(problem, chosen, work.checkpoint, flag), place, chains)
         found = search.run(effort.resolution, effort.budget, effort.report, waiting)
         plain = reading._replace(problem=search.plain)

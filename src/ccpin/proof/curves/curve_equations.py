@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, apply
-from ccpin.proof.equations import Derivatives, Problem, derivatives, third_bound
-from ccpin.proof.tips import third_along
+from ccpin.proof.equations import Derivatives, Problem, derivatives, third_along, third_bound
 
 
 class Values(NamedTuple):
@@ -51,7 +50,7 @@ def values_at(problem: Problem, theta: Array, kernel: Array, pairing: Array) -> 
     bend = np.zeros((len(theta), 2 * m + 1, size + m, size + m))
     bend[:, :m, :size, :size], bend[:, m:-1, :size, size:] = found.hessian, mixed
     bend[:, m:-1, size:, :size] = np.swapaxes(mixed, 2, 3)
-    bend[:, m:-1, :size, :size] = third_along(system, problem.stack, theta, whole)
+    bend[:, m:-1, :size, :size] = third_along(problem, theta, whole)
     rounding = rounding_at(problem, theta, kernel, pairing)
     return Values(theta, kernel, pairing, value, slope, bend, found.arms, rounding)
 

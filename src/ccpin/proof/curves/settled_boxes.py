@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of, solve_many
 from ccpin.proof.curves.curve_equations import first_order, values_at
-from ccpin.proof.curves.tubes import Frames, Points, Tubes, bounds_of, frames_at, inverse_without, places_in
+from ccpin.proof.curves.tubes import Frames, Points, Tubes, bounds_of, inverse_without, places_in, tangents_at
 from ccpin.proof.equations import Problem, derivatives, third_bound
 from ccpin.proof.narrowing import Candidates, directions
 from ccpin.proof.newton import without_turns
@@ -145,11 +145,11 @@ class _Slanted(NamedTuple):
 def _drawn(problem: Problem, theta: Array, kernel: Array, extent: Array, tubes: Tubes) -> Mask:
     """Proposition B, again and again, for boxes |x − (θ₀, w₀)| ≤ extent (K, N) and the tube beside each."""
     rows = np.arange(len(theta))
-    frames = frames_at(first_order(problem, theta, kernel, tubes.pairing)[1])
-    half = extent[rows, frames.along]
-    radius = (extent + np.abs(frames.tangent) * half[:, None]) * SLACK
-    radius[rows, frames.along] = 0.0
-    boxes = _Slanted(np.concatenate([theta, kernel], axis=1), frames.along, frames.tangent, half, radius)
+    along, tangent = tangents_at(first_order(problem, theta, kernel, tubes.pairing)[1])
+    half = extent[rows, along]
+    radius = (extent + np.abs(tangent) * half[:, None]) * SLACK
+    radius[rows, along] = 0.0
+    boxes = _Slanted(np.concatenate([theta, kernel], axis=1), along, tangent, half, radius)
     done = np.zeros(len(theta), dtype=np.bool_)
     for _ in range(_PASSES):
         empty, smaller = _narrowed(problem, boxes, tubes.take(rows))

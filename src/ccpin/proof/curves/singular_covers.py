@@ -22,7 +22,7 @@ from ccpin.proof.equations import Problem, derivatives
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
 from ccpin.proof.narrowing import Candidates, narrowed
 from ccpin.proof.ranges import Ranges, proved_ranges
-from ccpin.work import ended
+from ccpin.work import ended, side_by_side
 
 _CHUNK = 1000  # boxes at once: bounds memory
 
@@ -85,7 +85,9 @@ class SingularCovered(ProvableClaim):
         while waiting.cell.size and tried <= self.most[0] and not ended():
             tried += len(waiting.cell)
             parts = [rows_of(waiting, slice(first, first + _CHUNK)) for first in range(0, len(waiting.cell), _CHUNK)]
-            waiting = joined(part if ended() else _pruned(problem, ranges, nearby, part) for part in parts)
+            waiting = joined(
+                side_by_side(lambda part: part if ended() else _pruned(problem, ranges, nearby, part), parts)
+            )
             small = extents(problem, waiting).max(axis=1, initial=0.0) < self.resolution
             left.append(rows_of(waiting, small))
             waiting = halved_steepest(problem, rows_of(waiting, ~small))

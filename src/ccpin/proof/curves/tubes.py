@@ -117,12 +117,17 @@ def frames_at(slope: Array, forward: Array | None = None) -> Frames:
 
     The tangents point along `forward` (N,), if that is given.
     """
+    along, tangent = tangents_at(slope, forward)
+    return Frames(along, tangent, inverse_without(slope, along))
+
+
+def tangents_at(slope: Array, forward: Array | None = None) -> tuple[Indices, Array]:
+    """The largest component of each tangent, of shape (B,), and the tangents, of length 1 there, (B, N)."""
     tangent = np.linalg.svd(slope)[2][:, -1]
     if forward is not None:
         tangent = np.where((tangent @ forward)[:, None] < 0.0, -tangent, tangent)
     along = np.argmax(np.abs(tangent), axis=1)
-    tangent = tangent / np.abs(np.take_along_axis(tangent, along[:, None], axis=1))
-    return Frames(along, tangent, inverse_without(slope, along))
+    return along, tangent / np.abs(np.take_along_axis(tangent, along[:, None], axis=1))
 
 
 def inverse_without(slope: Array, along: Indices) -> Array:
