@@ -1,5 +1,6 @@
 """What every test file shares: the case study loaded once, reproducible Hypothesis runs, and Ctrl-C that is heard."""
 
+import gc
 import os
 import signal
 
@@ -7,6 +8,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import ccpin
+from tests.support.paper import CURVED
 
 _SLOW_DRAWS = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
 settings.register_profile("reproducible", deadline=None, derandomize=True, suppress_health_check=_SLOW_DRAWS)
@@ -15,6 +17,11 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "reproducible"))
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as shells start what they put in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_finish():
+    """What is imported and collected is there to the end: collections of garbage need not walk it again and again."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")
@@ -27,3 +34,9 @@ def rpdr():
 def rpdr_model(rpdr):
     """Its reduced model."""
     return ccpin.ReducedModel(rpdr)
+
+
+@pytest.fixture(scope="session")
+def rpdr_curves(rpdr):
+    """All its singular curves over a region that holds one of each kind."""
+    return ccpin.domain.certify_singularities(rpdr, CURVED)
