@@ -1,6 +1,5 @@
 """What every test file shares: the case study loaded once, reproducible Hypothesis runs, and Ctrl-C that is heard."""
 
-import gc
 import os
 import signal
 
@@ -17,11 +16,6 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "reproducible"))
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as shells start what they put in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def pytest_collection_finish():
-    """What is imported and collected is there to the end: collections of garbage need not walk it again and again."""
-    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -106,7 +106,6 @@ def _apply(module: str, change: Change) -> None:
     original, path = importlib.import_module(_name(module)), str(source_of(module))
     tree = change.tree(source_of(module).read_text())
     codes = {(c.co_qualname, c.co_firstlineno): c for c in _codes(compile(tree, path, "exec"))}
-    gc.unfreeze()  # what is frozen is not listed
     for function in [f for f in gc.get_objects() if isinstance(f, FunctionType)]:
         code = function.__code__
         new = codes.get((code.co_qualname, code.co_firstlineno))
