@@ -11,8 +11,9 @@ unset PYTHONDONTWRITEBYTECODE  # hundreds of processes are started: what one has
 export PYTHONPYCACHEPREFIX="$PWD/.venv/pycache"
 [ -x .venv/bin/python ] || "$PYTHON" -m venv .venv
 stamp=".venv/.installed-${EXTRAS:-plain}"
+# --no-compile: most of 14,000 files are never imported, and what is is compiled then, on both cores
 if [ ! -e "$stamp" ] || [ -n "$(find pyproject.toml native -newer "$stamp")" ]; then
-    .venv/bin/python -m pip install --quiet --disable-pip-version-check -e ".${EXTRAS:+[$EXTRAS]}"
+    .venv/bin/python -m pip install --quiet --no-compile --disable-pip-version-check -e ".${EXTRAS:+[$EXTRAS]}"
     touch "$stamp"
     .venv/bin/python -c '
 import ccpin

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import ccpin
+from tests.support.paper import CURVED
 
 _SLOW_DRAWS = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
 settings.register_profile("reproducible", deadline=None, derandomize=True, suppress_health_check=_SLOW_DRAWS)
@@ -27,3 +28,9 @@ def rpdr():
 def rpdr_model(rpdr):
     """Its reduced model."""
     return ccpin.ReducedModel(rpdr)
+
+
+@pytest.fixture(scope="session")
+def rpdr_curves(rpdr):
+    """All its singular curves over a region that holds one of each kind."""
+    return ccpin.domain.certify_singularities(rpdr, CURVED)

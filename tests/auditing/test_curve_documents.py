@@ -13,30 +13,30 @@ from tests.oracles import rpdr
 from tests.support.altered import changed, claim
 from tests.support.five_bars import load_five_bar
 from tests.support.legs import load_slice
+from tests.support.paper import CURVED as REGION
 
 pytest.importorskip("flint")
 
 from ccpin.auditing import closures, exclusion, reading, singular_curves, slanted, verify
 from ccpin.auditing.reach import CornerBox
 
-REGION = np.array([[0.99, 1.0], [2.2, 2.15]])  # of the RPDR, with the isolated point and a piece of the fold
 FOLD = np.deg2rad([[100.0, 35.0], [140.0, 75.0]])  # of the RPDR: a piece of its fold, across both middles
 SLICE = np.array([[0.168, 0.247], [0.192, 0.271]])  # of the 3-RPR, with a cusp
 CROSSING = oracle.FiveBar(0.2, 0.3, 0.2, 0.3, 0.4)  # the fold crosses itself at q = 0
-CASES = {"rpdr": REGION, "3-RPR": SLICE, "five-bar": np.array([[0.1, 0.1], [0.5, 0.5]])}
+CASES = {"3-RPR": SLICE, "five-bar": np.array([[0.1, 0.1], [0.5, 0.5]])}
 
 
 @cache
 def cover_of(name):
     """A cover, found once, however often tests are told of its mechanism."""
-    load = {"rpdr": lambda: ccpin.load("rpdr"), "3-RPR": load_slice, "five-bar": lambda: load_five_bar(CROSSING)}
+    load = {"3-RPR": load_slice, "five-bar": lambda: load_five_bar(CROSSING)}
     return domain.certify_singularities(load[name](), CASES[name])
 
 
-@pytest.fixture(scope="module", params=CASES)
-def case(request, tmp_path_factory):
+@pytest.fixture(scope="module", params=["rpdr", *CASES])
+def case(request, tmp_path_factory, rpdr_curves):
     """A cover and its file."""
-    found = cover_of(request.param)
+    found = rpdr_curves if request.param == "rpdr" else cover_of(request.param)
     assert found.curves
     path = tmp_path_factory.mktemp("cover") / "cover.json"
     found.save(path)
@@ -44,12 +44,11 @@ def case(request, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def region(tmp_path_factory):
+def region(tmp_path_factory, rpdr_curves):
     """The RPDR's cover of REGION, and its file."""
-    found = domain.certify_singularities(ccpin.load("rpdr"), REGION)
     path = tmp_path_factory.mktemp("cover") / "cover.json"
-    found.save(path)
-    return found, path
+    rpdr_curves.save(path)
+    return rpdr_curves, path
 
 
 def test_true_covers_are_proved(case):
@@ -87,7 +86,7 @@ LONG = {("3-RPR", "wider"), ("five-bar", "wider"), ("five-bar", "longer")}  # cu
 
 @pytest.mark.parametrize(
     ("case", "what"),
-    [pytest.param(c, w, marks=[pytest.mark.slow] * ((c, w) in LONG)) for c in CASES for w in WRONG],
+    [pytest.param(c, w, marks=[pytest.mark.slow] * ((c, w) in LONG)) for c in ("rpdr", *CASES) for w in WRONG],
     indirect=["case"],
 )
 def test_a_wrong_tube_is_found(case, tmp_path, what):

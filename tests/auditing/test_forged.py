@@ -10,7 +10,7 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.covering.cells import CellStatus
-from ccpin.domain import certify, certify_sheets, certify_singularities
+from ccpin.domain import certify, certify_sheets
 from ccpin.errors import InvalidInputError
 from tests.support.altered import changed
 
@@ -53,11 +53,10 @@ def sheets(folder):
 
 
 @pytest.fixture(scope="module")
-def cover(folder):
+def cover(folder, rpdr_curves):
     """Of an RPDR's self-motion and a piece of its fold."""
-    found = certify_singularities(ccpin.load("rpdr"), np.array([[0.99, 1.0], [2.2, 2.15]]))
-    found.save(folder / "cover.json")
-    return found, folder / "cover.json"
+    rpdr_curves.save(folder / "cover.json")
+    return rpdr_curves, folder / "cover.json"
 
 
 def refused(made, tmp_path, field, change=lambda arrays: None, **header):

@@ -12,6 +12,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.simulation import Settling, supervise
 from ccpin.simulation.plant.stick_slip import friction_force
 from tests.oracles import rpdr as oracle
+from tests.support.backends import same_on_both
 from tests.support.paper import FRICTION, GOAL, K_P, K_V, START
 
 BENCH = Sampling(1e-3, encoder_counts=4096, velocity_cutoff=100.0, saturation=12.0, delay=1)
@@ -44,6 +45,7 @@ def run(model, law, sampling, duration=0.1, **options):
     return motion, *recorded.columns()
 
 
+@same_on_both
 def test_it_converges_to_the_continuous_loop_at_first_order(rpdr_model, law):
     """Zero-order hold alone: the error over periods 8 … 0.5 ms has slope 1 on logarithmic axes."""
     continuous = ccpin.simulate(rpdr_model, law, START, duration=0.32, sample_period=8e-3)
@@ -60,6 +62,7 @@ def test_it_converges_to_the_continuous_loop_at_first_order(rpdr_model, law):
     assert slope == pytest.approx(1.0, abs=0.1)
 
 
+@same_on_both
 def test_it_converges_with_friction_too(rpdr_model, law):
     """With stick and slip the error still falls in proportion to the period."""
     options = {"duration": 0.32, "sample_period": 8e-3, "friction": FRICTION}
@@ -145,12 +148,14 @@ def bench(rpdr_model, law):
     return ccpin.simulate(rpdr_model, law, START, duration=1.0, friction=FRICTION, sampling=BENCH)
 
 
+@same_on_both
 def test_the_bench_reaches_its_goal(bench):
     """Within ±2° from about 0.3 s on, as the paper's hardware."""
     outside = np.flatnonzero(np.abs(bench.q - GOAL).max(axis=1) > np.radians(2.0))
     assert bench.t[outside[-1] + 1] == pytest.approx(0.3, abs=0.05)
 
 
+@same_on_both
 def test_the_bench_rests_where_friction_explains(bench, rpdr_model):
     """At rest |K_p q̃ + g(q_d) − g(q)| ≤ c + K_p·(half a count), g from the closed forms."""
     q = bench.q[-1]
@@ -168,6 +173,7 @@ def test_the_bench_rests_where_friction_explains(bench, rpdr_model):
     assert force.generalized == pytest.approx(gravity(q) - bench.u[-1], abs=1e-9)
 
 
+@same_on_both
 def test_compensation_by_the_error_shrinks_it(rpdr_model, law, bench):
     """Pushing towards the goal with most of the friction leaves less of the error than none."""
     helped = CoulombCompensation(law, 0.18, width=0.02)
@@ -186,6 +192,7 @@ def test_compensation_adds_what_it_says(rpdr_model, law):
         assert by_error.torque(0.0, Measurement(q), np.ones(2)) - plain == pytest.approx(0.1 * np.array(share))
 
 
+@same_on_both
 def test_supervised_cycles_with_the_bench_on(rpdr_model):
     """Back and forth: every move settles within the band friction allows and stays there while waiting."""
     band = np.radians(2.0)

@@ -68,7 +68,7 @@ def write_case(number, folder):
     return file
 
 
-@pytest.mark.parametrize("chunk", [pytest.param(k, marks=[pytest.mark.slow] * (k > 1)) for k in range(CHUNKS)])
+@pytest.mark.parametrize("chunk", [pytest.param(k, marks=[pytest.mark.slow] * (k > 0)) for k in range(CHUNKS)])
 def test_a_damaged_description_loads_or_is_refused_by_name(chunk, tmp_path, capfd):
     """No case crashes, hangs, leaks a foreign exception, or prints; a refusal names the file and more."""
     failures = []

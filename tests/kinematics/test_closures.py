@@ -10,7 +10,10 @@ from ccpin.description.closure_kinds import PlaneNormal
 from ccpin.description.model import rotation_to
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
+from tests.support.backends import same_on_both
 from tests.support.strategies import ROWS, Growth
+
+pytestmark = same_on_both
 
 every_kind = pytest.mark.parametrize("kind", CLOSURE_KINDS)
 

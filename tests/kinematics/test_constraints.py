@@ -13,6 +13,7 @@ from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism.loading.reference_search import stated_pose
 from tests.oracles.finite_differences import along, assert_close, jacobian
+from tests.support.backends import same_on_both
 from tests.support.strategies import PLANAR_JOINTS, ROWS, Growth
 
 SPATIAL_JOINTS = ("revolute", "spherical", "prismatic", "continuous", "planar", "floating", "revolute")
@@ -41,6 +42,7 @@ def assert_derivatives(constraints, q_free, v_free):
     assert_close(constraints.bias(value, v_free), rate @ v_free, 1e-12, scale=ARM)
 
 
+@same_on_both
 @pytest.mark.parametrize("floating_base", [False, True])
 @pytest.mark.parametrize("planar", [False, True])
 @every_kind
@@ -73,6 +75,7 @@ def test_loops_do_not_feel_what_carries_them(kind):
     assert not constraints.value(q_free).jacobian[:, :8].any()
 
 
+@same_on_both
 @pytest.mark.parametrize("planar", [False, True])
 @every_kind
 def test_planar_reduction_drops_only_constant_rows(kind, planar):
@@ -127,6 +130,7 @@ def test_polynomial_coupling():
         assert_derivatives(constraints, q, rng.normal(size=2))
 
 
+@same_on_both
 @pytest.mark.parametrize(("ratio", "teeth"), [(1.0, 1), (-2.0, 1), (1.5, 2), (1.0 / 3.0, 3)])
 def test_coupling_of_continuous_joints_counts_no_turns(ratio, teeth):
     """With θ1 = ratio θ0 the row vanishes however often either has turned, smoothly through ±π."""

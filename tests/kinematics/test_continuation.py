@@ -16,6 +16,7 @@ from ccpin.kinematics.coordinates import IndependentCoordinates, component_names
 from ccpin.kinematics.parametrization import Parametrization
 from tests.oracles import delta, rpdr
 from tests.oracles.geometry import wrap
+from tests.support.backends import same_on_both
 from tests.support.paper import MODES, to_free, to_paper
 from tests.support.strategies import mechanisms
 
@@ -72,6 +73,7 @@ def geared(description: MechanismDescription, rng) -> MechanismDescription:
     return replace(description, couplings=(Coupling("gear", terms),)) if len(terms) == 2 else description
 
 
+@same_on_both
 @settings(max_examples=20)
 @given(mechanisms(), st.integers(0, 1000))
 def test_bounds_of_random_mechanisms(drawn, seed):

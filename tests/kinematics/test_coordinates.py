@@ -10,6 +10,7 @@ from ccpin.errors import IndependentSetError, InvalidInputError
 from ccpin.kinematics.coordinates import IndependentCoordinates, component_names
 from ccpin.kinematics.tree import build_tree
 from tests.oracles.finite_differences import along, assert_close, jacobian
+from tests.support.backends import same_on_both
 from tests.support.strategies import Growth
 
 KINDS = ("revolute", "continuous", "prismatic", "spherical", "planar", "floating")
@@ -28,6 +29,7 @@ def near(tree, rng, spread):
     return pin.integrate(tree.model, pin.neutral(tree.model), spread * rng.normal(size=tree.model.nv))
 
 
+@same_on_both
 @pytest.mark.parametrize("spread", [1e-7, 0.03, 0.3, 0.9])
 def test_component_derivatives(tree, spread):
     """α_q′ and its rate for every component, from next to the chart's centre to far from it."""

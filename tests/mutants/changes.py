@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from typing import NamedTuple
 
 FACTORS = (0.5, 0.9, 1.1, 2.0)
@@ -59,13 +60,19 @@ def places_of(tree: ast.Module) -> dict[str, ast.AST]:
     return found
 
 
+@cache
+def _parsed(source: str) -> ast.Module:
+    """A source's syntax tree, which is only read: many places of one module are asked for one by one."""
+    return ast.parse(source)
+
+
 def changes_of(source: str, places: tuple[str, ...]) -> Iterator[Change]:
     """Every change to the places told of a module's source.
 
     Raises:
         KeyError: A place that the module does not have.
     """
-    tree, lines = ast.parse(source), source.splitlines()
+    tree, lines = _parsed(source), source.splitlines()
     known = places_of(tree)
     for place in places:
         if place not in known:

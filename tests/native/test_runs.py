@@ -80,7 +80,7 @@ def sprung_model():
     ("subject", "method"),
     [
         pytest.param("rpdr_model", "RK45", marks=pytest.mark.slow),  # beside `test_the_papers_law_step_for_step`
-        ("rpdr_model", "DOP853"),
+        pytest.param("rpdr_model", "DOP853", marks=pytest.mark.slow),  # the same without springs and dampers
         ("sprung_model", "DOP853"),
     ],
 )

@@ -62,6 +62,7 @@ def _statements(node):
         yield from _statements(child)
 
 
+@cache
 def imported(module):
     """Absolute names of the modules a module imports (a name imported from a package counts if it is a module)."""
     package = module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
@@ -76,7 +77,7 @@ def imported(module):
             base = ".".join([*parent, *([base] if base else [])])
         for alias in statement.names:
             names.add(f"{base}.{alias.name}" if f"{base}.{alias.name}" in MODULES else base)
-    return names
+    return frozenset(names)
 
 
 @cache

@@ -8,7 +8,8 @@ START, GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
 K_P, K_V = np.array([11.0, 11.0]), np.array([0.65, 0.60])
 FRICTION = {"joint1": (0.2, 0.02), "joint2": (0.2, 0.02)}
 MOVE_OPTIONS = ("--start-deg", "-150", "-160", "--goal-deg", "-90", "-100", "--kp", "11", "--kv", "0.65", "0.60")
-for _array in (START, GOAL, K_P, K_V):
+CURVED = np.array([[0.99, 1.0], [2.2, 2.15]])  # with the isolated point (56.9°, 123.1°) and a piece of the fold
+for _array in (START, GOAL, K_P, K_V, CURVED):
     _array.flags.writeable = False
 
 MODES = (1, -1)  # the signs of the closed forms' roots

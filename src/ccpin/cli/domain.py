@@ -24,7 +24,7 @@ from ccpin.mechanism.mechanism import Mechanism
 _EXAMPLES = """\
 example: ccpin domain rpdr --centre-deg -108 -72
          ccpin domain rpdr --lower-deg -110 -75 --upper-deg -105 -70 --plot figures
-         ccpin domain rpdr --sheets --depth 6
+         ccpin domain rpdr --sheets --depth 5
          ccpin domain rpdr --curves --lower-deg 100 35 --upper-deg 140 75 --save curves.json"""
 _BAR = "{l_bar}{bar}| {n:.1f} % certified, {postfix}"
 SHARES = ("certified", "empty", "singular", "undecided", "unreached")

@@ -14,7 +14,7 @@ from ccpin.domain.sheets.cover import Front, Glued
 from ccpin.errors import InvalidInputError
 from ccpin.proof.newton import Boxes
 
-REGION = ((-2.4, -2.4), (-0.4, -0.4))
+REGION = ((-2.4, -1.4), (-1.4, -0.4))  # of the RPDR: across its fold
 Q = np.random.default_rng(5).uniform(*REGION, (40, 2))
 
 
@@ -37,7 +37,7 @@ def truth(rpdr):
 
 @pytest.fixture(scope="module")
 def honest(rpdr):
-    return certify_sheets(rpdr, REGION, max_depth=6)
+    return certify_sheets(rpdr, REGION, max_depth=5)
 
 
 def counted_well(sheets, truth):
@@ -75,7 +75,7 @@ def test_singular_candidates_left_out(monkeypatch, rpdr, truth, keep):
         return found._replace(left=without_some(found.left, keep))
 
     monkeypatch.setattr(certifying, "cover_singular", searched)
-    counted_well(certify_sheets(rpdr, REGION, max_depth=5), truth)
+    counted_well(certify_sheets(rpdr, REGION, max_depth=4), truth)
 
 
 def test_candidates_lost_on_the_way(monkeypatch, rpdr, truth):
@@ -84,7 +84,7 @@ def test_candidates_lost_on_the_way(monkeypatch, rpdr, truth):
         Pruning, "settled",
         lambda self, waiting, rounds: without_some(settled(self, waiting, rounds), lambda c: c.cell % 5 > 0),
     )  # fmt: skip
-    counted_well(certify_sheets(rpdr, REGION, max_depth=6), truth)
+    counted_well(certify_sheets(rpdr, REGION, max_depth=5), truth)
 
 
 def test_upper_halves_lost(monkeypatch, rpdr, truth):
@@ -93,12 +93,12 @@ def test_upper_halves_lost(monkeypatch, rpdr, truth):
         counting, "handed_down",
         lambda *args: without_some(down(*args), lambda c: np.arange(len(c.cell)) < len(c.cell) // 2),
     )  # fmt: skip
-    counted_well(certify_sheets(rpdr, REGION, max_depth=6), truth)
+    counted_well(certify_sheets(rpdr, REGION, max_depth=5), truth)
 
 
 def test_all_that_is_regular_called_one_part(monkeypatch, rpdr, truth):
     monkeypatch.setattr(sheet_claims, "parts_of", lambda tree, region, regular: [regular])
-    counted_well(certify_sheets(rpdr, REGION, max_depth=6), truth)
+    counted_well(certify_sheets(rpdr, REGION, max_depth=5), truth)
 
 
 OF_POINTS = {
@@ -118,7 +118,7 @@ def test_points_that_are_not_all(monkeypatch, rpdr, truth, name):
     monkeypatch.setattr(
         sheet_claims, "solutions_task", lambda problem, arrays: tuple(OF_POINTS[name](Boxes(*task(problem, arrays))))
     )
-    share = counted_well(certify_sheets(rpdr, REGION, max_depth=6), truth)
+    share = counted_well(certify_sheets(rpdr, REGION, max_depth=5), truth)
     assert name != "one twice" or share > 0.8  # each is counted once
 
 
@@ -138,7 +138,7 @@ def test_boxes_over_other_cells_or_twice_over_one(monkeypatch, rpdr, truth, name
         self.members = MISPLACED[name](self.members)
 
     monkeypatch.setattr(Front, "run", misplaced)
-    sheets = certify_sheets(rpdr, REGION, max_depth=5)
+    sheets = certify_sheets(rpdr, REGION, max_depth=4)
     counted_well(sheets, truth)
     assert sheets.certified_fraction < 0.05
 
@@ -153,7 +153,7 @@ def test_sheets_that_do_not_touch_are_not_one(monkeypatch, rpdr, honest):
         return joined([found, others, Glued(others.first, np.roll(others.first, 1), found.at_first, found.at_first)])
 
     monkeypatch.setattr(certifying, "glued_pairs", all_glued)
-    sheets = certify_sheets(rpdr, REGION, max_depth=6)
+    sheets = certify_sheets(rpdr, REGION, max_depth=5)
     assert len(sheets.sheets) == len(honest.sheets)
 
 

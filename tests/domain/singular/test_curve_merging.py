@@ -117,8 +117,9 @@ def test_what_is_merged_is_saved_and_merged_again(quarters, merged, tmp_path, su
         assert all(np.array_equal(a, b) for a, b in zip(one.tubes, other.tubes, strict=True))
     for order in ([0, 1, 2, 3], [2, 3, 1, 0]):
         halves = [merge([quarters[k] for k in pair]) for pair in (order[:2], order[2:])]
-        assert told(merge(halves)) == [("fold", False)]
-        assert merge(halves).verify()
+        whole = merge(halves)
+        assert told(whole) == [("fold", False)]
+        assert whole.verify()
 
 
 @pytest.mark.slow
@@ -175,7 +176,8 @@ def test_an_interrupted_part_leaves_the_whole_undecided(rpdr):
     assert missed(whole, q_free) == 0
     assert np.any(whole.curve_of(q_free) < 0)
     ended = domain.certify_singularities(rpdr, left, seconds=1e-9)
-    assert (merge([early, ended, other]).limit, merge([early, ended, other]).complete) == ("interrupted", False)
+    stopped = merge([early, ended, other])
+    assert (stopped.limit, stopped.complete) == ("interrupted", False)
     done = whole.continued()
     assert (done.verdict, told(done)) == ("proven", [("fold", False)])
     assert np.all(done.curve_of(q_free) == 0)
@@ -254,12 +256,11 @@ def test_turns_of_regions_are_full_turns(merged):
         filled(problem, regions_of(beyond))
 
 
-@pytest.fixture(scope="module")
-def ring(rpdr):
+@pytest.fixture
+def ring(rpdr_curves):
     """The isolated point's closed curve, and the piece of the fold."""
-    found = domain.certify_singularities(rpdr, np.array([[0.99, 1.0], [2.2, 2.15]]))
-    chains = {curve.kind: TubeChain(curve.tubes, curve.closed) for curve in found.curves}
-    return found.problem, chains["self-motion"], chains["fold"]
+    chains = {curve.kind: TubeChain(curve.tubes, curve.closed) for curve in rpdr_curves.curves}
+    return rpdr_curves.problem, chains["self-motion"], chains["fold"]
 
 
 def pieces(ring, ends, turned):

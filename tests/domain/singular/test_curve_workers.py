@@ -13,8 +13,7 @@ from ccpin.domain.singular import box_tasks
 from ccpin.errors import InvalidInputError
 from ccpin.proof.curves.settled_boxes import Nearby, settled, settled_beside
 from ccpin.proof.narrowing import Candidates
-
-REGION = np.array([[0.99, 1.0], [2.2, 2.15]])  # of the RPDR, with the isolated point and a piece of the fold
+from tests.support.paper import CURVED as REGION
 
 
 class Counted(Executor):
@@ -50,14 +49,15 @@ def same(one, other):
     return facts[0] == facts[1] and arrays[0] == arrays[1]
 
 
-@pytest.fixture(scope="module")
-def alone(rpdr):
+@pytest.fixture
+def alone(rpdr_curves):
     """The cover, made in this process."""
-    return domain.certify_singularities(rpdr, REGION)
+    return rpdr_curves
 
 
+@pytest.mark.slow
 def test_workers_do_not_change_the_cover(rpdr, alone):
-    """Curves, tubes, boxes and how many were tried."""
+    """Curves, tubes, boxes and how many were tried; `ccpin domain --workers 2` is asked the same (tests/cli)."""
     assert same(alone, domain.certify_singularities(rpdr, REGION, workers=2))
 
 

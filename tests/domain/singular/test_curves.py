@@ -13,9 +13,9 @@ from tests.oracles import planar_3rpr as three_legs
 from tests.oracles import rpdr as paper
 from tests.support.five_bars import in_tree_order, load_five_bar, random_five_bar
 from tests.support.legs import LEG1, WHOLE, load_slice
+from tests.support.paper import CURVED as REGION
 
 RPDR = oracle.FiveBar(paper.A1, paper.A2, paper.A3, paper.A4, paper.C)
-REGION = np.array([[0.99, 1.0], [2.2, 2.15]])  # with the isolated point (56.9°, 123.1°) and a piece of the fold
 SLICE = np.array([[0.168, 0.247], [0.192, 0.271]])  # of the 3-RPR, with a cusp
 CROSSING = oracle.FiveBar(0.2, 0.3, 0.2, 0.3, 0.4)  # a₃ + a₄ = c + a₂ − a₁: the fold crosses itself at q = 0
 
@@ -46,10 +46,10 @@ def of_slice(count, seed, region):
     return np.column_stack(found)[within(np.abs(np.column_stack([second, third])), region)]
 
 
-@pytest.fixture(scope="module")
-def cover(rpdr):
+@pytest.fixture
+def cover(rpdr_curves):
     """All singular curves of the RPDR over REGION."""
-    return domain.certify_singularities(rpdr, REGION)
+    return rpdr_curves
 
 
 def test_no_singular_configuration_is_missed(rpdr, cover):

@@ -13,8 +13,8 @@ from ccpin.domain.singular import certifying, cover, curves
 from ccpin.domain.singular.cover import CurveSearch
 from ccpin.domain.singular.following import TubeChain
 from ccpin.errors import InvalidInputError
+from tests.support.paper import CURVED as REGION
 
-REGION = np.array([[0.99, 1.0], [2.2, 2.15]])  # of the RPDR, with the isolated point and a piece of the fold
 COARSE = {"resolution": 0.1, "budget": 5000}
 TRUE = ["fold", "self-motion"]
 
@@ -22,6 +22,27 @@ TRUE = ["fold", "self-motion"]
 def found_in(rpdr, **effort):
     """What is found over the region: enough of it, so that a search that goes wrong is told soon."""
     return domain.certify_singularities(rpdr, REGION, **(COARSE | effort))
+
+
+@pytest.fixture(scope="module")
+def chains():
+    """Curves that were followed: by the start, the region and the ranges they were followed over."""
+    return {}
+
+
+@pytest.fixture(autouse=True)
+def followed_once(chains, monkeypatch):
+    """Whatever goes wrong about it, of one start comes one curve: each is followed once for all searches here."""
+    real = cover.follow
+
+    def follow(problem, theta, kernel, going):
+        region, ranges = going.__self__.place
+        about = tuple(a.tobytes() for a in (theta, kernel, region.lower, region.upper, *ranges))
+        if about not in chains:
+            chains[about] = real(problem, theta, kernel, going)
+        return chains[about]
+
+    monkeypatch.setattr(cover, "follow", follow)
 
 
 @pytest.fixture(scope="module")

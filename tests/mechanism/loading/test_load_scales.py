@@ -14,7 +14,10 @@ from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism.loading.reference_search import stated_pose
 from tests.support import families
+from tests.support.backends import same_on_both
 from tests.support.strategies import mechanisms
+
+pytestmark = same_on_both
 
 every_family = pytest.mark.parametrize("family", [families.serial, families.parallel])
 

@@ -7,6 +7,7 @@ import ccpin
 from ccpin.description import Inertia, Joint, Link
 from ccpin.description.model import frame, rotation_to
 from ccpin.kinematics.points import joint_poses
+from tests.support.backends import same_on_both
 
 X, Y, Z = np.eye(3)
 
@@ -31,6 +32,7 @@ def platform():
     return ccpin.MechanismDescription("sps", "base", tuple(links), tuple(joints), tuple(closures), actuated=legs)
 
 
+@same_on_both
 def test_bodies_that_a_slide_joins_spin_together():
     """6-SPS: twelve mobilities, six of them spins of a whole leg; locked, it is Gough's platform with n = 6."""
     mechanism = ccpin.load(platform())

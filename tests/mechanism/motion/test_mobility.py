@@ -11,9 +11,11 @@ from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism.motion.mobility import generic_rank, null_space, tangent
 from tests.oracles import descriptor
+from tests.support.backends import same_on_both
 from tests.support.strategies import Growth, mechanisms
 
 
+@same_on_both
 @settings(max_examples=30)
 @given(mechanisms())
 def test_mobility_is_the_null_space_of_unreduced_rows(drawn):
@@ -98,6 +100,7 @@ def test_no_idle_motion_in_the_case_study(rpdr):
     assert (rpdr.mobility.n_free, rpdr.mobility.rows, rpdr.mobility.rank, rpdr.mobility.mobility) == (4, 2, 2, 2)
 
 
+@same_on_both
 @pytest.mark.parametrize("kind", ["revolute", "planar"])
 def test_vanishing_rows_have_no_rank(kind):
     """Rows that are round-off on the manifold (a planar loop closed about a skew axis) are not counted as rank."""

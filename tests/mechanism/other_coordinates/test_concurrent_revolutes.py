@@ -9,6 +9,7 @@ import pytest
 import ccpin
 from ccpin.description.model import Inertia
 from ccpin.mechanism.other_coordinates.concurrent_revolutes import balls_of
+from tests.support.backends import same_on_both
 from tests.support.gimbal import TRIPLE, link_pose, stewart
 from tests.support.places import MODELS
 
@@ -60,6 +61,7 @@ def test_the_platform_has_one_ball():
     assert balls.mechanism.mobility == found
 
 
+@same_on_both
 def test_every_link_is_where_it_was():
     """At 200 configurations of the open tree, by Pinocchio's kinematics of both trees: poses and velocities."""
     home, balls = stewart().mechanism, balls_of(stewart().mechanism)
@@ -80,6 +82,7 @@ def test_every_link_is_where_it_was():
         np.testing.assert_allclose(balls.told_rate(q_free, moved), rates, rtol=0, atol=1e-6)
 
 
+@same_on_both
 def test_angles_are_told_nearest_to_those_before():
     """Told near itself a configuration is itself, whole turns and the other triple of angles (β → −β) included."""
     home, balls = stewart().mechanism, balls_of(stewart().mechanism)

@@ -10,7 +10,10 @@ import pytest
 import ccpin
 from ccpin.mechanism.poses import branches
 from tests.support import families
+from tests.support.backends import same_on_both
 from tests.support.places import SHARED
+
+pytestmark = same_on_both
 
 
 def undecided(family, n):

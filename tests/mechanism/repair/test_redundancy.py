@@ -20,6 +20,7 @@ from ccpin.mechanism.repair import open_poses
 from ccpin.mechanism.repair.geometry import NO_RELATIONS, Geometry, shape_of
 from ccpin.mechanism.repair.relations import parallel_axes
 from tests.support import families
+from tests.support.backends import same_on_both
 from tests.support.places import MODELS, SHARED
 from tests.support.rounded import poses_along, rounded
 from tests.support.strategies import mechanisms
@@ -62,6 +63,7 @@ def test_a_rounded_mechanism_moves_as_the_exact_one(name, decimals):
         np.testing.assert_allclose(there.forward_dynamics(v, u), a, rtol=0, atol=10 * allowed * (1 + np.abs(a).max()))
 
 
+@same_on_both
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("name", ["sarrus", "parallel_bars", "revolute_delta"])
 def test_whatever_the_tilt(name, seed):
@@ -87,6 +89,7 @@ def test_a_file_rounded_as_text(tmp_path):
         assert np.abs(gap).max() < 2e-5
 
 
+@same_on_both
 def test_beyond_the_tolerance_it_is_refused_by_name():
     """Three decimals are too few for a Delta: the loop, its misfit and the change it would take are told; four do."""
     description = rounded(exact("revolute_delta").description, 3)
@@ -111,6 +114,7 @@ def test_parallel_bars_whose_pivots_lie_in_a_line():
         assert np.abs(mechanism.constraints().residual(closed)).max() < 1e-12
 
 
+@same_on_both
 def test_too_open_to_be_rounded():
     """Bennett's linkage with four decimals stays open by more than the tolerance: told, with the way out."""
     description = rounded(exact("bennett").description, 4)
@@ -129,6 +133,7 @@ def test_an_open_loop_is_not_repaired():
         ccpin.load(replace(description, closures=(replace(closure, placement_a=shifted),)))
 
 
+@same_on_both
 def test_no_tolerance_takes_numbers_as_exact():
     """With geometry_tolerance=0 nothing is changed: the rounded linkage does not close along its motion."""
     description = rounded(exact("bennett").description, 6)
@@ -143,6 +148,7 @@ def test_a_tolerance_is_a_small_number(tolerance):
         ccpin.load("rpdr", geometry_tolerance=tolerance)
 
 
+@same_on_both
 @settings(max_examples=25)
 @given(mechanisms())
 def test_exact_geometry_is_left_alone(drawn):
@@ -159,6 +165,7 @@ def test_our_own_models_are_exact(path):
     assert repairs(ccpin.load(path)) == []
 
 
+@same_on_both
 @settings(max_examples=30)
 @given(mechanisms(kinds=("revolute", "spherical", "distance", "fixed", "universal", "prismatic")))
 def test_derivatives_by_the_geometry(drawn):

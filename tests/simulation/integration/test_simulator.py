@@ -1,5 +1,7 @@
 """The stepper against closed forms, against `simulate`, and against itself however its way is cut up."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -24,9 +26,9 @@ def law(rpdr_model):
     return PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
 
 
-@pytest.fixture(scope="module", params=["core", pytest.param("numpy", marks=same_on_both)])
+@pytest.fixture(scope="module", params=["core", pytest.param("numpy", marks=[same_on_both, pytest.mark.slow])])
 def either_model(request, rpdr_model):
-    """The RPDR as it computes by default, and with NumPy alone."""
+    """The RPDR as it computes by default, and with NumPy alone, which CCPIN_BACKEND=numpy asks by default."""
     return rpdr_model if request.param == "core" else reference_model(rpdr_model.mechanism)
 
 
@@ -58,6 +60,7 @@ def pulsed(t, q, v):
     return HOLD + PULSE * (0.5 <= t < 0.55)
 
 
+@cache
 def after_the_pulse():
     """q at 0.6 s, by the closed forms from switch to switch."""
     q, v = oracle_motion(POSE, np.zeros(2), HOLD + PULSE, 0.05)
@@ -93,20 +96,18 @@ def test_a_push_is_not_stepped_over(rpdr_model):
     assert np.abs(motions[0].q[-1] - POSE).max() > 1e-4
 
 
-@pytest.mark.parametrize("sample_period", [1e-3, 0.02, 0.6])
-def test_friction_lets_go_whenever_it_is_sampled(rpdr_model, sample_period):
+def test_friction_lets_go_whenever_it_is_sampled(rpdr_model):
     """A load above the breakaway level for 50 ms moves the robot by the same amount for every sample period."""
-    friction = {"joint1": (0.2, 0.02), "joint2": (0.2, 0.02)}
 
     def load(t, q, v):
         return HOLD + np.array([0.8, 0.0]) * (0.2 <= t < 0.25)
 
-    motion = ccpin.simulate(rpdr_model, load, POSE, duration=0.6, friction=friction, sample_period=sample_period)
-    named = ccpin.simulate(
-        rpdr_model, TorqueFunction(load, [0.2, 0.25]), POSE, duration=0.6, friction=friction, max_step=1e-3
-    )
-    assert motion.q[-1, 0] - POSE[0] > 1e-2
-    assert np.abs(motion.q[-1] - named.q[-1]).max() < 1e-7
+    options = {"duration": 0.6, "friction": FRICTION}
+    named = ccpin.simulate(rpdr_model, TorqueFunction(load, [0.2, 0.25]), POSE, max_step=1e-3, **options)
+    for sample_period in (1e-3, 0.02, 0.6):
+        motion = ccpin.simulate(rpdr_model, load, POSE, sample_period=sample_period, **options)
+        assert motion.q[-1, 0] - POSE[0] > 1e-2
+        assert np.abs(motion.q[-1] - named.q[-1]).max() < 1e-7
 
 
 @pytest.mark.parametrize("bench", [{}, {"friction": FRICTION}, {"friction": FRICTION, "sampling": BENCH}])

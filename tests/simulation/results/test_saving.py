@@ -7,6 +7,7 @@ import ccpin
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Event
 from ccpin.simulation.events.samples import SAMPLED
+from tests.support.backends import same_on_both
 from tests.support.paper import FRICTION, START
 
 
@@ -52,6 +53,7 @@ def test_joints_of_several_freedoms_have_columns_too(name, tmp_path):
     assert len(header) == 2 + sum(np.ndim(x[0]) and x.shape[1] for x in (getattr(motion, name) for name in SAMPLED))
 
 
+@same_on_both
 def test_data_frames_and_parquet(motion, tmp_path):
     """The same table; how the motion ended is with it."""
     pandas = pytest.importorskip("pandas")

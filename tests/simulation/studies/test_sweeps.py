@@ -17,6 +17,7 @@ from ccpin import sweep
 from ccpin.description import scaled
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import grid, latin_hypercube, sobol
+from tests.support.backends import same_on_both
 from tests.support.places import ROOT
 from tests.support.sweep_tasks import deadly, drawn, parabola, slow
 
@@ -73,6 +74,7 @@ def test_seeds_belong_to_cases():
     assert sweep(drawn, cases, seed=8).table()["noise"] != serial.table()["noise"]
 
 
+@same_on_both
 def test_a_dask_cluster_gives_the_same_table():
     """Any executor computes the same rows."""
     distributed = pytest.importorskip("distributed")
@@ -118,6 +120,7 @@ if __name__ == "__main__":
 """
 
 
+@same_on_both
 def test_killed_and_taken_up_again(tmp_path):
     """After kill −9 of the caller alone the rows that were written are not computed again, and no worker is left."""
     folder, path = tmp_path / "ran", tmp_path / "sweep.jsonl"
