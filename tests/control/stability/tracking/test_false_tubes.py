@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control import ComputedTorque, certify_tracking
+from ccpin.control import ComputedTorque, PDPlus, certify_tracking
 from ccpin.control.stability.tracking import reference_tube, tube_search
 from ccpin.control.stability.tracking.cell_forms import TimeCells
 from ccpin.control.stability.tracking.reference_tube import ReferenceTube
@@ -22,7 +22,9 @@ from tests.support.tracked import LAWS, RUN, assert_within, law_for
 
 EPSILON = 1e-3
 CELLS = 48
-every_law = pytest.mark.parametrize("law_class", LAWS)
+every_law = pytest.mark.parametrize(
+    "law_class", [ComputedTorque, pytest.param(PDPlus, marks=pytest.mark.slow)]
+)  # what is checked asks a law for two matrices
 
 
 @lru_cache
@@ -42,7 +44,7 @@ def outcome(law_class, size=EPSILON):
     return proof.verdict
 
 
-@every_law
+@pytest.mark.parametrize("law_class", LAWS)
 def test_honest_searches_prove(law_class):
     assert outcome(law_class) == "proven"
 
