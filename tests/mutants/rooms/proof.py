@@ -237,6 +237,7 @@ ROOMS: tuple[Room, ...] = (
         (
             ("better = _size(", "", "which of two boxes that hold the same is kept"),
             ("useful = np.flatnonzero(", "", "which slope is taken: the box is as wide as that asks"),
+            ("np.flatnonzero(regular & ~gone)", "not asked: ~gone", "what is empty stays where it may be singular"),
         ),
     ),
     Room(

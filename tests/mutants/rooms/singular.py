@@ -5,6 +5,7 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _TUBES = (
+    ("(tangent @ forward)[:, None] < 0.0", "0 let in", "which way a tangent points that is across"),
     ("hull = np.minimum(", "maximum instead of minimum", "the curve is within a wider hull too"),
     ("np.abs(step) <= _CLOSE", "", "when a zero is close enough: its error is of what is left"),
     ("if not np.any(ahead", "", "whether more zeros are tried"),
