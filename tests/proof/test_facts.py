@@ -124,6 +124,11 @@ def test_pickled_it_is_a_claim_until_it_is_replayed(atlas):
 STATING = {  # rooms with theorems of their own: the modules that state claims, and what these are about
     "control/stability/set_point/set_point_equations.py",
     "control/stability/set_point/sublevel_claim.py",
+    "validated/loop_equations.py",
+    "validated/flow/start_claim.py",
+    "validated/flow/step_claim.py",
+    "validated/flow/motion_claim.py",
+    "validated/flow/crossing_claim.py",
 }
 
 

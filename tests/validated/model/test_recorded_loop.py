@@ -37,10 +37,10 @@ def test_recorded_dynamics(name, stated):
         q, v = model.alpha(q_free), rng.normal(size=n)
         u = np.zeros(model.n_actuated) if controller is None else controller.torque(0.0, Measurement(q, q_free), v)
         expected = np.concatenate([model.rho(q_free) @ v, model.forward_dynamics(q, v, u, q_free)])
-        found = numbers(values(loop.field, balls(q_free, v)))
+        found = numbers(values(loop.equations.field, balls(q_free, v)))
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * max(1.0, np.abs(expected).max()))
         energy = model.energy(q, v, q_free)
-        np.testing.assert_allclose(numbers(values(loop.energies, balls(q_free, v))), energy, rtol=1e-12)
+        np.testing.assert_allclose(numbers(values(loop.equations.energies, balls(q_free, v))), energy, rtol=1e-12)
 
 
 @pytest.mark.parametrize("planar", [False, True])
