@@ -109,6 +109,7 @@ BAD = {
     "an entry that is not there, right": program((SOLVE, 2, None, SYSTEM._replace(right=((0,), (5,))))),
     "an input as an instruction": program((0, 2)),
     "an unknown kind": program((11, 2, 0, 0)),
+    "an unknown kind with a system": program((11, 2, None, SYSTEM)),
 }
 
 
@@ -161,6 +162,7 @@ def test_states_with_efforts():
     refused(known, efforts=None)
     refused(known, efforts=tape.program([q, q]))
     refused(known, n=3)
+    refused(known, n=-1, efforts=tape.program([q, q, q]))
     refused(one, n=2)
     refused(one, n=0)
 

@@ -17,7 +17,7 @@ from tests.oracles import rpdr as oracle
 from tests.support.enclosures import FREE, accurately, paper_law
 from tests.support.paper import START
 
-QUICK = {"order": 12, "tolerance": 1e-12, "pieces": 2, "longest_step": 2.0**-9}
+QUICK = {"order": 12, "tolerance": 1e-12, "pieces": 2, "precision": 64, "longest_step": 2.0**-9}
 DURATION = 0.008
 FLUNG = np.radians([-108.0, -72.0]), [-8.0, 8.0]
 
@@ -94,7 +94,7 @@ def test_steps_that_are_too_long(rpdr_model, law, monkeypatch, true):
 
 def test_fewer_pieces_orders_and_bits_than_asked_for(rpdr_model, law, monkeypatch, true):
     """What is proved with them is wider, and holds the motion all the same."""
-    for change in ({"pieces": np.array([1])}, {"order": np.array([4])}, {"precision": np.array([53])}):
+    for change in ({"pieces": np.array([1])}, {"order": np.array([8])}, {"precision": np.array([53])}):
         with monkeypatch.context() as context:
             changed(context, lambda own, c=change: c)
             assert true(enclosed(rpdr_model, law))
@@ -206,8 +206,9 @@ def test_enclosures_are_about_what_was_asked(rpdr_model, law, honest):
 
 @pytest.fixture(scope="module")
 def flung(rpdr_model):
-    """A motion into a singularity, and the oracle's time of it."""
-    found = enclose(rpdr_model, None, *FLUNG, 0.1, order=20, tolerance=1e-14, shortest_step=2.0**-11)
+    """A motion into a singularity."""
+    quick = {"order": 10, "tolerance": 1e-7, "pieces": 4, "precision": 64, "shortest_step": 2.0**-9}
+    found = enclose(rpdr_model, None, *FLUNG, 0.1, **quick)
     assert found.verdict == "refuted"
     return found
 
@@ -247,4 +248,4 @@ def test_false_crossings(flung, rpdr_model, monkeypatch):
     for late in (lambda loop, taken, unknown: (unknown - 1, 0.0, 0.0), lambda *_: (-1, 0.0, 1.0)):
         monkeypatch.setattr(crossing, "_located", late)
         told = list(map(step_of, steps))
-        assert crossing._met(flung.loop.equations, motion, told, len(told), 128) is None
+        assert crossing._met(flung.loop.equations, motion, told, len(told), 64) is None

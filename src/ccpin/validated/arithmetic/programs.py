@@ -109,7 +109,7 @@ def _entries(system: LinearSystem, values: set[int]) -> int:
     """
     m, columns = len(system.matrix), {len(row) for row in system.right}
     rows = (*system.matrix, *system.right)
-    require(m > 0 and {len(row) for row in system.matrix} == {m} == {len(system.right)}, "no square matrix")
+    require({len(row) for row in system.matrix} == {m} == {len(system.right)}, "no square matrix")
     require(len(columns) == 1 and {type(part) for part in (*system, *rows)} == {tuple}, "no table")
     require([_all_known(row, values) for row in rows], "an entry that is not there")
     return m * columns.pop()
