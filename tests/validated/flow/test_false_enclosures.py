@@ -193,6 +193,8 @@ def test_enclosures_are_about_what_was_asked(rpdr_model, law, honest):
         {"loop": other.loop},
         {"times": honest.times * 1.5},
         {"determinant": honest.determinant * 1.5},
+        {"steps": honest.steps[::-1]},
+        {"steps": other.steps},
         {"left_open": honest.left_open - 1.0},
     ):
         assert replace(honest, **change).verdict == "undecided"

@@ -136,6 +136,7 @@ class Enclosure:
             return None
         told = (("times", self.times), ("determinant", self.determinant), ("left_open", self.left_open))
         own = self.motion.digest == self.loop.equations.digest
+        own = own and tuple(step.fact for step in self.steps) == self.motion.premises[1:]
         own = own and all(np.array_equal(self.motion.found[name], numbers) for name, numbers in told)
         return self.motion if own else None
 

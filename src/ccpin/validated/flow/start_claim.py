@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ccpin.arrays import Array, Indices
-from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
+from ccpin.proof.facts import Examined, Fact, Form, NotProvedError, ProvableClaim, provable, require
 from ccpin.validated.arithmetic.balls import ball, flint
 from ccpin.validated.arithmetic.exact_numbers import ExactBox, boxed, centres
 from ccpin.validated.arithmetic.series import NotInvertibleError
@@ -69,14 +69,14 @@ class ClosedStart(ProvableClaim):
             require(off, "the solution is not the one near the computed start")
             require(krawczyk(loop, q, y, radius) is not None, "σ is not proven to be single near the computed start")
             inside = krawczyk(loop, q, y, sharp)
-            require(inside is not None, "no closed configuration is proven to be in the smaller box")
-            state = [*assembled(loop, q, inside or []), *map(ball, self.v.tolist())]
+            if inside is None:
+                raise NotProvedError("no closed configuration is proven to be in the smaller box")
             try:
-                found = boxed(loop.at_a_sample(state), bits)
+                state = loop.at_a_sample([*assembled(loop, q, inside), *map(ball, self.v.tolist())])
             except NotInvertibleError:
-                found = None
-        require(found is not None, "the motors' efforts are not proven to exist at the start")
-        return Examined(np.ones(1, dtype=np.bool_), dict(zip(("state", "state_radius"), found or (), strict=True)))
+                raise NotProvedError("the motors' efforts are not proven to exist at the start") from None
+            found = boxed(state, bits)
+        return Examined(np.ones(1, dtype=np.bool_), {"state": found.parts, "state_radius": found.radius})
 
 
 def state_of(fact: Fact) -> ExactBox:
