@@ -364,18 +364,23 @@ def test_rows_that_are_left_out_are_bounded():
 # Crossings.
 
 
-@pytest.fixture(scope="module")
-def crossing():
-    """The point goes on past y = 0, measured by y, which it reaches at a/ω."""
+def gone_on(duration, longest):
+    """A point that goes on past y = 0, measured by y, which it reaches at a/ω: the motion so far, and more steps."""
     one, other = circle(0), circle(1)
     start = prove(start_of(one, [0.6], [0.8], [0.8], radius=0.1, sharp=1e-9))
     with flint().ctx.workprec(64):
-        steps = [step.fact for step in march(ProvedSteps(one, 64), state_of(start).balls(), 0.5, OPTIONS)]
+        steps = [step.fact for step in march(ProvedSteps(one, 64), state_of(start).balls(), duration, OPTIONS)]
         motion = prove(MotionEnclosed(one, np.zeros(len(steps), dtype=bool), BITS), start, *steps)
         q, y, v = end_of(motion).balls()
-        rates = values(one.drift, [q, y, v])
-        more = [step.fact for step in march(ProvedSteps(other, 64), [q, y, rates[1]], 0.5, OPTIONS)]
+        rates, options = values(one.drift, [q, y, v]), OPTIONS._replace(longest=longest)
+        more = [step.fact for step in march(ProvedSteps(other, 64), [q, y, rates[1]], 0.5, options)]
     return motion, more
+
+
+@pytest.fixture(scope="module")
+def crossing():
+    """In small steps."""
+    return gone_on(0.5, 2.0**-4)
 
 
 def met(first=-1, after=0.0, last=7, before=2.0**-4):
@@ -390,7 +395,7 @@ def test_a_singularity_is_met_between_two_times(crossing):
     motion, more = crossing
     assert len(more) == 8
     assert 0.4 < WHEN < 0.5
-    for first, after in ((-1, 0.0), (0, 0.0), (3, 0.03), (5, 2.0**-4), (6, 0.0)):
+    for first, after in ((-1, 0.0), (0, 0.02), (3, 0.03), (5, 2.0**-4), (6, 0.0)):
         fact = prove(met(first, after), motion, *more)
         begin = 0.5 + max(first, 0) / 16 + after
         low, high = fact.found["time"]
@@ -404,6 +409,7 @@ def test_a_singularity_is_met_between_two_times(crossing):
         assert not box[1].contains(ball(float(speed) + 2e-2))
         assert box[1].contains(ball(float(np.sin(WHEN - 0.5)) + 1e-8))
         assert not box[1].contains(ball(float(np.sin(WHEN - 0.5)) - 2e-2))
+    assert prove(met(6, 0.01, 6, 2.0**-4), motion, *more).found["time"] == pytest.approx([0.885, 0.9375], rel=1e-14)
     late = prove(met(6, 0.07 - 2.0**-4, 7, 0.005), motion, *more).found["time"]
     assert late == pytest.approx([0.5 + 6 / 16 + 0.07 - 2.0**-4, 0.5 + 7 / 16 + 0.005], rel=1e-14)
 
@@ -416,6 +422,7 @@ def test_signs_that_do_not_differ(crossing):
         met(7, 0.05, 7, 2.0**-4),
         met(7, 2.0**-4, 7, 0.0),
         met(7, 0.0, 6, 0.0),
+        met(6, 2.0**-4, 6, 0.04),
         met(-1, 0.0, 8, 0.0),
         met(-1, 0.0, 7, 0.07),
         met(3, 0.07, 7, 2.0**-4),
@@ -426,6 +433,9 @@ def test_signs_that_do_not_differ(crossing):
         met(8, 0.0, 8, 0.01),
     ):
         refused(claim, motion, *more)
+    early, steps = gone_on(0.75, 0.25)
+    prove(met(0, 0.1, 1, 0.1), early, *steps)
+    refused(met(0, 0.2, 1, 0.1), early, *steps, match="signs")
     refused(replace(met(), precision=np.array([52])), motion, *more)
     refused(replace(met(), before=np.array([np.nan])), motion, *more)
     refused(replace(met(), after=np.array([np.inf])), motion, *more)
@@ -455,7 +465,7 @@ def test_what_goes_on_is_the_motion_and_free(crossing, turning):
         replace(own, free="another"),
         replace(own, free=""),
         replace(own, drift=own.field),
-        replace(own, drift=own.drift._replace(outputs=own.drift.outputs[::-1])),
+        replace(own, drift=own.drift._replace(outputs=(own.drift.outputs[0],) * 3)),
     ):
         holds = other.scalar and other.free == "circle"
         facts = [prove(replace(fact.claim, equations=other)) for fact in more]

@@ -81,7 +81,7 @@ class SingularMet(ProvableClaim):
             require(joined, "steps that do not go on with the motion")
             steps = [step_of(fact) for fact in facts]
             require(first <= last < len(steps), "times of no step")
-            require(before <= steps[last].length and (first < 0 or after <= steps[first].length), "times of no step")
+            require(before <= steps[last].length and after <= steps[first].length, "times of no step")
             require(first < last or after < before, "times in another order")
             one = sign_of(signed_determinant(loop, here if first < 0 else steps[first].box(ball(after))))
             two = sign_of(signed_determinant(loop, steps[last].box(ball(before))))
