@@ -319,7 +319,7 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "validated/sets/move",
         ("certify_move", "_of_one", "_of_a_set", "_run", "_level"),
-        (*_MOTIONS, "validated/sets/test_move.py"),
+        _MOTIONS,
         (
             ("assert not isinstance(arrival", "", "what holds of any that is told apart before"),
             ("< 0.0 and never", "0 let in", "`upper` is above what it bounds"),

@@ -19,7 +19,7 @@ from ccpin.validated.flow import crossing, enclosing, enclosure, regularity
 from ccpin.validated.flow.enclosure import collect
 from ccpin.validated.flow.marching import Stuck
 from ccpin.validated.flow.motion_claim import left_open
-from ccpin.validated.flow.motion_task import exact_q
+from ccpin.validated.flow.motion_task import MotionAsked, exact_q
 from ccpin.validated.flow.step import ProvenStep, start_of
 from ccpin.validated.model.closed_loop import recorded_loop
 from ccpin.validated.sets import arrival, move
@@ -519,6 +519,38 @@ def test_moves_are_proven_refuted_or_neither(moves):
     again = moves([3.0, 1.9, 1.8, 1.0], ["first", ""])
     assert (again.verdict, len(again.steps)) == ("proven", 3)
     assert "why" in moves([3.0, 2.5], stop=Stuck("why")).reason
+
+
+@pytest.mark.parametrize("steps", [0, 1])
+@pytest.mark.parametrize(
+    ("verdict", "stopped", "refused"),
+    [("proven", "", ""), ("undecided", "stuck", ""), ("refuted", "", ""), ("proven", "", "no")],
+)
+def test_moves_are_of_a_motion_that_is_a_fact(monkeypatch, verdict, stopped, refused, steps):
+    """What was asked for ends where the search did, unless that was stopped; what is refused is not proven."""
+    known = [line(4.0, 0.25)] * steps
+    fact = SimpleNamespace(found={"times": np.array([0.0, 0.25])})
+    told, value = [], iter([7.0, 1.5])
+    monkeypatch.setattr(move, "state_of", lambda start: SimpleNamespace(balls=lambda: start))
+    monkeypatch.setattr(move, "_run", lambda *_: move._Outcome(verdict, "so", known, stopped))
+    monkeypatch.setattr(move, "proved_motion", lambda *given: (fact, refused))
+    monkeypatch.setattr(move, "told_of", lambda *given: told.append(given) or SimpleNamespace(times=np.array([0.25])))
+    monkeypatch.setattr(move, "lyapunov", lambda loop, goal, box: told.append(box) or ball(next(value)))
+    start = [ball(4), arb(2, 0.0625), ball(3)]
+    task = SimpleNamespace(loop=jointed(), start=lambda asked: start, precision=120)
+    asked = MotionAsked(None, None, None, 1.0)
+    found = move._of_one(task, asked, goal(2.0))
+    assert found.verdict == ("undecided" if refused else verdict)
+    assert found.reason == (refused or "so")
+    assert (found.witness is not None) is (found.verdict == "refuted")
+    (_, about, motion, why), begin, end = told
+    assert motion is fact
+    assert about.duration == (1.0 if stopped else 0.25)
+    assert why == refused + stopped
+    assert begin == start
+    assert float(end[0].mid()) == (4.25 if steps and not refused else 4.0)
+    assert (found.lyapunov_start, found.lyapunov) == pytest.approx((7.0, 1.5))
+    assert (found.time, found.level) == (0.25, 2.0)
 
 
 def test_levels_come_from_certificates_or_are_numbers(rpdr_model):
