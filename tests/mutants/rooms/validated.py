@@ -351,6 +351,14 @@ ROOMS: tuple[Room, ...] = (
             "told_of",
         ),
         _FALSE,
+        (
+            ("if self.asked is None or self.motion is None", "not asked: self.motion", "nothing is about a motion"),
+            (
+                "type(self.met.claim) is not SingularMet",
+                "not asked: type(self.met.claim)",
+                "the only kind from a motion",
+            ),
+        ),
     ),
     Room("validated/flow/enclosing", ("enclose",), _MOTIONS),
     Room("validated/flow/motion_task", ("exact_q",), _MOTIONS),

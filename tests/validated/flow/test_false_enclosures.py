@@ -200,6 +200,8 @@ def test_enclosures_are_about_what_was_asked(rpdr_model, law, honest):
         assert replace(honest, **change).verdict == "undecided"
     assert replace(honest, asked=asked._replace(duration=honest.times[-1])).verdict == "proven"
     assert replace(honest, motion=None).replay().verdict == "undecided"
+    assert "replayed" in replace(honest, motion=None).reason
+    assert replace(honest, assumes=", but").reason == honest.reason + ", but"
     again = honest.replay()
     assert (again.verdict, again.reason) == ("proven", honest.reason)
     assert again.motion is not honest.motion

@@ -103,8 +103,10 @@ class Enclosure:
         if self._singular is not None:
             return "refuted"
         known = self._known
-        whole = known is not None and self.asked is not None and known.found["times"][-1] >= self.asked.duration
-        return "proven" if whole else "undecided"
+        if known is None:
+            return "undecided"
+        assert self.asked is not None, "what is known was asked for"
+        return "proven" if known.found["times"][-1] >= self.asked.duration else "undecided"
 
     @property
     def reason(self) -> str:
