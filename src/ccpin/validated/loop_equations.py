@@ -159,7 +159,8 @@ class ClosedLoopEquations:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all instructions and constants."""
-        return digest(tuple((each.name, words(getattr(self, each.name))) for each in fields(self)))
+        told = {each.name: words(getattr(self, each.name)) for each in fields(self) if each.name != "gains"}
+        return digest((repr(told), self.gains))
 
     def at_rest(self, box: Sequence[Ball]) -> list[Ball]:
         """The configurations of a box of states, or of configurations, at rest: inputs of the programs."""
