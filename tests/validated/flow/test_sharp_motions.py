@@ -213,6 +213,12 @@ def test_a_free_motion_that_is_stuck_is_asked_for_a_singularity(marched, rpdr_mo
     assert len(marched(Stuck("why"), NoTorque(rpdr_model))[1]) == 1
     assert marched(None)[1] == []
     assert marched(Stuck("why"), ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V))[1] == []
+    honest = enclosing.proved_motion
+    with monkeypatch.context() as context:
+        context.setattr(enclosing, "proved_motion", lambda *given: (honest(*given)[0], "refused"))
+        found, asked = marched(Stuck("why"))
+        assert asked == []
+        assert "refused" in found.reason
     monkeypatch.setattr(enclosing, "march", lambda *_: iter([Stuck("why")]))
     calls = []
     monkeypatch.setattr(enclosing, "find_crossing", lambda *given: calls.append(given))
