@@ -477,6 +477,11 @@ def test_where_a_tube_stops(regular, monkeypatch):
     assert "not yet" in found.reason
     found, across = _grown(job(spring(), 0.01, lambda piece: subdivision.TOO_EARLY), box)
     assert (found.verdict, across) == ("undecided", None)
+    honest = subdivision.proved_motion
+    with monkeypatch.context() as context:
+        context.setattr(subdivision, "proved_motion", lambda *given: (honest(*given)[0], "refused"))
+        found, _ = _grown(job(spring(), 0.01), box)
+        assert (found.verdict, "refused" in found.reason) == ("undecided", True)
     monkeypatch.setattr(subdivision, "march", lambda *_: iter([Stuck("stuck")]))
     found, across = _grown(job(spring(), 0.25), Starts(box.q, box.v, np.array([0.03, 0.02])))
     assert (found.verdict, across, found.duration) == ("undecided", 0, 0.0)
