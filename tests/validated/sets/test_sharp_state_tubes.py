@@ -510,6 +510,15 @@ def test_motions_under_sampled_laws(regular):
     assert next(s for _, s in _motion(job(spring(), 0.125), start[:2])) is False
 
 
+@pytest.mark.usefixtures("regular")
+def test_a_tube_of_a_sampled_loop_is_round_one_motion():
+    """Its steps go on from one another where the law is read as well."""
+    box = Starts(np.array([0.5]), np.array([-0.25]), np.array([0.01, 0.02]))
+    found, _ = _grown(job(sampled(), 2.0**-5, period=2.0**-6), box)
+    assert (found.verdict, found.duration) == ("proven", 2.0**-5)
+    assert len(found.enclosure) >= 2
+
+
 def piece(time, half, frame, bound, rate=None, curve=None):
     at = Instants(np.array([time]), np.array([half]), None, None)
     n = len(bound)
