@@ -128,6 +128,11 @@ STATING = {  # rooms with theorems of their own: the modules that state claims, 
     "control/stability/tracking/on_line.py",
     "control/stability/tracking/tracking_equations.py",
     "control/stability/tracking/tube_claim.py",
+    "validated/loop_equations.py",
+    "validated/flow/start_claim.py",
+    "validated/flow/step_claim.py",
+    "validated/flow/motion_claim.py",
+    "validated/flow/crossing_claim.py",
 }
 
 

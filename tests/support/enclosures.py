@@ -4,8 +4,9 @@ import numpy as np
 
 import ccpin
 from ccpin.validated.arithmetic.balls import ball
+from ccpin.validated.flow.marching import StepOptions
 from ccpin.validated.flow.motion_task import task_of
-from ccpin.validated.flow.step import StepOptions
+from ccpin.validated.flow.start_claim import state_of
 from tests.support.paper import GOAL, K_V, START
 
 FREE = [0, 2, 1, 3]  # the paper's (q1, q2, q3, q4) in ccpin's order (q1, q3, q2, q4)
@@ -20,9 +21,9 @@ def accurately(model, controller, q0, v0, duration):
 
 
 def started(model, law, v0):
-    """The loop, and its exact start at the paper's."""
+    """The loop's programs, and their exact start at the paper's."""
     task = task_of(model, law, START, None, 0.1, StepOptions(30, 1e-18, 16), 128)
-    return task.loop, task.start(START, v0)
+    return task.loop.equations, state_of(task.start(task.from_doubles(START, v0))).balls()
 
 
 def balls(*arrays):

@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from ccpin.validated.arithmetic.programs import Program
 from ccpin.validated.arithmetic.tape import Tape
-from ccpin.validated.model.closed_loop import ClosedLoop
+from ccpin.validated.loop_equations import ClosedLoopEquations
 
 
 def parabola():
@@ -42,10 +43,43 @@ def linear(stiffness, damping):
     return loop(tape, n, n, [], [*v, *pull])
 
 
-class KnownLoop(SimpleNamespace):
-    """What a `ClosedLoop` tells, as far as it is asked for."""
+def circle(measured):
+    """A point that goes round q² + y² = 1 evenly, measured by q (0) or by y (1): singular where the other is 0."""
+    tape = Tape(3)
+    *x, v = tape.inputs
+    own, other = x[measured], x[1 - measured]
+    rate = tape.solve([[other]], [[own * v * -1]])[0, 0]
+    rates = [None, None]
+    rates[measured], rates[1 - measured] = v, rate
+    fall = (v * v + rate * rate) * own * -1
+    closure, jacobian = tape.program([x[0] * x[0] + x[1] * x[1] - 1]), tape.program([other * 2])
+    programs = {"field": [*rates, fall], "drift": [*rates, 0], "energies": [v * v + rate * rate, 0]}
+    recorded = {name: tape.program(outputs) for name, outputs in programs.items()}
+    return ClosedLoopEquations(2, 1, (measured,), closure=closure, jacobian=jacobian, free="circle", **recorded)
 
-    at_rest = ClosedLoop.at_rest
+
+class KnownLoop(SimpleNamespace):
+    """What a `ClosedLoop` and its equations tell, as far as it is asked for."""
+
+    at_rest = ClosedLoopEquations.at_rest
+    at_a_sample = ClosedLoopEquations.at_a_sample
+
+    @property
+    def equations(self):
+        return self
+
+
+def equations(one, **more):
+    """The equations of such a loop as claims are about them; nothing but what is asked for is regular or not."""
+    inputs = one.field.inputs
+    rest = {
+        "jacobian": Program(inputs, inputs, (), ()),
+        "drift": Program(inputs, inputs, (), (0,) * inputs),
+        "energies": Program(inputs, inputs, (), (0, 0)),
+        "efforts": one.efforts,
+        "left_out": one.left_out,
+    }
+    return ClosedLoopEquations(one.n_x, one.n, one.independent, one.field, one.closure, **rest | more)
 
 
 def exact(value):

@@ -55,9 +55,9 @@ def test_recorded_dynamics(name):
     accelerated = state.forward_dynamics(v, np.zeros(model.n_actuated))
     expected = np.concatenate([x_rate(loop, state, v), accelerated])
     scale = max(1.0, np.abs(expected).max())
-    np.testing.assert_allclose(numbers(values(loop.field, start)), expected, rtol=0, atol=1e-12 * scale)
-    np.testing.assert_allclose(numbers(values(loop.energies, start)), state.energy(v), rtol=1e-12)
-    np.testing.assert_allclose(numbers(values(loop.closure, start)), 0.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(numbers(values(loop.equations.field, start)), expected, rtol=0, atol=1e-12 * scale)
+    np.testing.assert_allclose(numbers(values(loop.equations.energies, start)), state.energy(v), rtol=1e-12)
+    np.testing.assert_allclose(numbers(values(loop.equations.closure, start)), 0.0, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("seeds", [(1, 9, 12, 14, 32, 36), pytest.param(range(120), marks=pytest.mark.slow)], ids=len)
@@ -75,7 +75,7 @@ def test_random_mechanisms_of_every_kind(seeds):
             loop = recorded_loop(model, None, state.q_free)
         except CcpinError:
             continue
-        found = numbers(values(loop.field, balls(loop.numbers(state.q_free), v)))
+        found = numbers(values(loop.equations.field, balls(loop.numbers(state.q_free), v)))
         accelerated = state.forward_dynamics(v, np.zeros(model.n_actuated))
         expected = np.concatenate([x_rate(loop, state, v), accelerated])
         scale = max(1.0, np.abs(expected).max()) / state.rcond
@@ -135,7 +135,7 @@ def meet(first, second, places, others, duration, slack=0.0):
     for t in np.linspace(0.0, duration, 11):
         one, two = first.inputs(t), second.inputs(t)
         pairs = [*zip(places, others, strict=True)]
-        pairs += [(first.loop.n_x + k, second.loop.n_x + k) for k in range(first.loop.n)]
+        pairs += [(first.loop.equations.n_x + k, second.loop.equations.n_x + k) for k in range(first.loop.equations.n)]
         if not all(around(one[a], ball(slack)).overlaps(two[b]) for a, b in pairs):
             return False
     return True
@@ -211,12 +211,12 @@ def test_a_geared_wheel_turns_on():
 
 def test_rows_left_out_are_bounded_along_the_motion():
     """`left_open` lies above what the rows are at many times: of the energies in their place, which are not small."""
-    from ccpin.validated.flow.enclosure import left_open
+    from ccpin.validated.flow.motion_claim import left_open
 
     model = ccpin.ReducedModel(ccpin.load("bennett"))
     state, v = random_state(model)
     found = enclose(model, None, state.q, v, 0.05, near=state.q_free, **QUICK)
-    loop = found.loop._replace(left_out=found.loop.energies)
+    loop = replace(found.loop.equations, left_out=found.loop.equations.energies)
     for step, begin in zip(found.steps, found.times[:-1], strict=True):
         largest = max(
             abs(float(x.mid()))
@@ -225,7 +225,7 @@ def test_rows_left_out_are_bounded_along_the_motion():
         )
         assert largest <= left_open(loop, step) < 2 * largest
     rows = model.mechanism.constraints()
-    assert len(found.loop.left_out.outputs) == rows.size - (model.mechanism.n_free - model.n)
+    assert len(found.loop.equations.left_out.outputs) == rows.size - (model.mechanism.n_free - model.n)
     assert np.abs(rows.residual(found.at(0.05).q_free)).max() < 1e-14
 
 
@@ -347,7 +347,7 @@ def test_an_angle_half_a_turn_from_its_goal():
     found = enclose(model, law, [np.cos(3.0), np.sin(3.0)], [10.0], 0.1, **QUICK)
     assert found.verdict == "undecided"
     assert "half a turn" in found.reason
-    assert 3.0 < found.inputs(found.times[-1])[found.loop.independent[0]] < np.pi
+    assert 3.0 < found.inputs(found.times[-1])[found.loop.equations.independent[0]] < np.pi
 
 
 def test_what_is_refused(rpdr_model):

@@ -3,7 +3,7 @@
 Needs python-flint (the extra ``validated``), which is imported when a function is called.
 """
 
-from ccpin.validated.flow.enclosure import enclose
+from ccpin.validated.flow.enclosing import enclose
 from ccpin.validated.sets.move import certify_move
 from ccpin.validated.sets.set_enclosure import enclose_set
 

@@ -10,8 +10,9 @@ pytest.importorskip("flint")
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, joined
 from ccpin.validated.arithmetic.balls import ball, flint
 from ccpin.validated.arithmetic.jets import Jet, jets_over
+from ccpin.validated.arithmetic.programs import CONSTANT, SINE
 from ccpin.validated.arithmetic.series import NotInvertibleError, all_series, extend, gradients, values
-from ccpin.validated.arithmetic.tape import CONSTANT, SINE, Node, Tape, is_zero
+from ccpin.validated.arithmetic.tape import Node, Tape, is_zero
 
 LENGTH = 7
 

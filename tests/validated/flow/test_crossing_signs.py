@@ -1,13 +1,16 @@
 """Where a free motion crosses a singularity: the sign of the determinant is proved at both ends that are told."""
 
+import numpy as np
 import pytest
 
 pytest.importorskip("flint")
 
-from ccpin.validated.arithmetic.balls import ball, flint
+from ccpin.validated.arithmetic.balls import ball
 from ccpin.validated.flow import crossing as module
 from ccpin.validated.flow import regularity
+from ccpin.validated.flow.proved_steps import ProvedSteps
 from ccpin.validated.flow.step import ProvenStep, start_of
+from tests.support.parabola import equations, linear
 
 
 def line(begin, length, error):
@@ -21,44 +24,32 @@ def line(begin, length, error):
 def on_a_line(monkeypatch):
     """det = −x, told as it is on the box."""
     monkeypatch.setattr(module, "signed_determinant", lambda loop, box: -box[0])
-    boxes = []
-    monkeypatch.setattr(module, "witness_of", lambda kind, loop, box: boxes.append(box[0]))
-    return boxes
 
 
-def test_a_sign_that_was_not_proved_where_a_step_begins(on_a_line):
-    """Three steps; after the first two the sign is not known: the crossing at t = 1 is within what is told."""
+@pytest.mark.usefixtures("on_a_line")
+def test_a_sign_that_was_not_proved_where_a_step_begins():
+    """Three steps; after the first two the sign is not known: the crossing at t = 1 is after the first one begins."""
     steps = [line(0.5, 0.375, 0.25), line(0.875, 0.25, 0.25), line(1.125, 0.375, 0.25)]
-    found = module._located(None, steps, 0.5, 1)
-    assert found.after == 0.5
-    assert 1.25 <= found.before <= 1.5
-    assert on_a_line[0].contains(flint().arb(0))
-    assert on_a_line[0].contains(flint().arb(-0.5))
+    number, after, before = module._located(None, steps, 0)
+    assert (number, after) == (-1, 0.0)
+    assert 0.125 <= before <= 0.375
+    assert module._located(None, [line(0.25, 0.25, 0.125), *steps], 1)[:2] == (0, 0.25)
 
 
-def test_a_sign_that_is_proved_again_in_the_last_step(on_a_line):
+@pytest.mark.usefixtures("on_a_line")
+def test_a_sign_that_is_proved_again_in_the_last_step():
     """Halving finds a time of the first sign in the last step: what came before does not matter any more."""
     steps = [line(0.5, 0.25, 0.5), line(0.75, 0.4375, 2.0**-20)]
-    found = module._located(None, steps, 0.5, 1)
-    assert 0.75 < found.after < 1.0 < found.before
-    assert found.before - found.after < 0.1
-    assert on_a_line[0].contains(flint().arb(0))
+    number, after, before = module._located(None, steps, 0)
+    assert number == 1
+    assert 0.0 < after < 0.25 < before
+    assert before - after < 0.1
 
 
 def test_all_that_programs_count_within_half_a_turn_is_asked_for(monkeypatch):
-    """The field in other coordinates asks for the same as the field of an enclosure."""
-    asked = []
-
-    def marched(field, *_):
-        asked.append(field.missing([]))
-        return iter(())
-
-    class Loop:
-        left_out, turns, field = None, (), None
-
-    monkeypatch.setattr(module, "march", marched)
-    monkeypatch.setattr(module, "signed_determinant", lambda loop, box: ball(1))
-    monkeypatch.setattr(module, "_other_coordinates", lambda *_: (Loop(), []))
+    """Of every step of a closed loop, whatever it is for."""
     monkeypatch.setattr(regularity, "too_far_turned", lambda loop, box: "turned")
-    assert module.find_crossing(None, Loop(), [], 0.0, 1.0, None) is None
-    assert asked == ["turned"]
+    loop = equations(linear(np.array([[4.0]]), np.array([[0.5]])))
+    start = start_of([ball(0.5), ball(0.25)])
+    found = ProvedSteps(loop, 128).attempt(start, [[0] * 9], 0.01, 2)
+    assert found == "turned"

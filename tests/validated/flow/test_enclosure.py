@@ -115,9 +115,9 @@ def test_energy_is_constant_along_undamped_swinging(rpdr_model):
 
 def test_closed_loop_dissipates(enclosure, motion, law):
     """𝒱 + V(q_d) in balls decreases from step to step, by ∫q̇ᵀK_v q̇, and agrees with the law's own 𝒱."""
-    steps = [values(enclosure.loop.lyapunov, start_box(step.end))[0] for step in enclosure.steps]
+    steps = [values(enclosure.loop.equations.lyapunov, start_box(step.end))[0] for step in enclosure.steps]
     assert all(later < earlier for earlier, later in pairwise(steps))
-    samples = [values(enclosure.loop.lyapunov, enclosure.box(t))[0] for t in motion.t]
+    samples = [values(enclosure.loop.equations.lyapunov, enclosure.box(t))[0] for t in motion.t]
     drop = float((samples[0] - samples[-1]).mid())
     power = np.einsum("ti,i,ti->t", motion.v, K_V, motion.v)
     simpson = np.sum((power[:-2:2] + 4 * power[1:-1:2] + power[2::2]) / 3e3)

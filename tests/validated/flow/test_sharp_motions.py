@@ -15,11 +15,12 @@ from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.validated.arithmetic.ball_arrays import BallArray
 from ccpin.validated.arithmetic.balls import ball, flint
 from ccpin.validated.arithmetic.tape import Tape
-from ccpin.validated.flow import crossing, regularity
-from ccpin.validated.flow import enclosure as enclosing
-from ccpin.validated.flow.enclosure import collect, left_open
-from ccpin.validated.flow.motion_task import exact_q
-from ccpin.validated.flow.step import ProvenStep, Stuck, start_of
+from ccpin.validated.flow import crossing, enclosing, enclosure, regularity
+from ccpin.validated.flow.enclosure import collect
+from ccpin.validated.flow.marching import Stuck
+from ccpin.validated.flow.motion_claim import left_open
+from ccpin.validated.flow.motion_task import MotionAsked, exact_q
+from ccpin.validated.flow.step import ProvenStep, start_of
 from ccpin.validated.model.closed_loop import recorded_loop
 from ccpin.validated.sets import arrival, move
 from ccpin.validated.sets import set_enclosure as sets
@@ -28,7 +29,7 @@ from ccpin.validated.sets.subdivision import TOO_EARLY
 from ccpin.validated.sets.tube_theorem import TimeSlice
 from tests.oracles import rpdr as oracle
 from tests.support.paper import GOAL, K_P, K_V, START
-from tests.support.parabola import parabola
+from tests.support.parabola import KnownLoop, parabola
 
 FREE = [0, 2, 1, 3]
 
@@ -66,13 +67,13 @@ def line(begin, length, errors=(0.0, 0.25, 0.5), quantity=1.0):
 def enclosed(**more):
     one = jointed(**more)
     steps = [line(4.0, 0.25, quantity=3.0), line(4.25, 0.5, quantity=2.0)]
-    return collect(one, [ball(4), arb(2, 0.0625), ball(3)], steps, "", 120)
+    return collect(one, [ball(4), arb(2, 0.0625), ball(3)], steps, [0.0, 0.5], "", 120)
 
 
 def test_the_times_and_boxes_of_an_enclosure():
     found = enclosed()
     assert found.times.tolist() == [0.0, 0.25, 0.75]
-    assert found.verdict == "proven"
+    assert found.verdict == "undecided"  # steps that are no facts
     np.testing.assert_allclose(found.q_free, [[4.0, 2.0], [4.25, 2.0], [4.75, 2.0]])
     np.testing.assert_allclose(found.q_free_radius[:, 1], [0.0625, 0.125, 0.125])
     np.testing.assert_allclose(found.v_radius[1:, 0], 0.0625)
@@ -82,17 +83,15 @@ def test_the_times_and_boxes_of_an_enclosure():
     np.testing.assert_allclose(found.v_upper[:, 0], 5.0)
     assert found.determinant.tolist() == [3.0, 2.0]
     assert found.smallest_determinant == 2.0
-    assert found.left_open.tolist() == [0.0, 0.0]
-    assert collect(jointed(), [ball(4), ball(2), ball(3)], [], "", 120).smallest_determinant == np.inf
-    stopped = collect(jointed(), [ball(4), ball(2), ball(3)], [line(4.0, 0.25)], "why", 120)
+    assert found.left_open.tolist() == [0.0, 0.5]
+    assert collect(jointed(), [ball(4), ball(2), ball(3)], [], [], "", 120).smallest_determinant == np.inf
+    stopped = collect(jointed(), [ball(4), ball(2), ball(3)], [line(4.0, 0.25)], [0.0], "why", 120)
     assert (stopped.verdict, "why" in stopped.reason) == ("undecided", True)
-    met = crossing.Crossing(0.5, 0.75, None)
-    assert collect(jointed(), [ball(4), ball(2), ball(3)], [], "why", 120, met).verdict == "refuted"
 
 
 def test_boxes_in_doubles_are_rounded_outwards():
     third = ball(1) / 3
-    found = enclosing._bounds(jointed(), [third, arb(2, 0.25), third])
+    found = enclosure._bounds(jointed(), [third, arb(2, 0.25), third])
     assert abs(third - found.q_free[0]) <= ball(found.q_free_radius[0])
     assert 0.0 < found.q_free_radius[0] < 1e-16
     assert found.q_free_radius[1] == pytest.approx(0.25)
@@ -111,7 +110,7 @@ def test_states_at_times():
     for t in (-1e-9, 0.75 + 1e-9, np.nan):
         with pytest.raises(InvalidInputError):
             found.inputs(t)
-    alone = collect(jointed(), [ball(4), ball(2), ball(3)], [], "", 120)
+    alone = collect(jointed(), [ball(4), ball(2), ball(3)], [], [], "", 120)
     assert [float(x) for x in alone.inputs(0.0)] == [4.0, 2.0, 3.0]
 
 
@@ -165,7 +164,8 @@ def test_exact_starts_on_circles_are_in_the_turn_of_what_they_are_near():
     model = ccpin.ReducedModel(ccpin.load(replace(described, joints=joints)))
     one = recorded_loop(model, None)
     near = one.near.copy()
-    near[one.independent[0]], near[one.independent[1]] = 4 * np.pi + 0.3, -2 * np.pi - 0.2
+    first, second = one.equations.independent
+    near[first], near[second] = 4 * np.pi + 0.3, -2 * np.pi - 0.2
     q = np.array([np.cos(0.5), np.sin(0.5), np.cos(-0.4), np.sin(-0.4)]) * 2.0
     found = [float(x.mid()) for x in exact_q(model, one._replace(near=near), q)]
     np.testing.assert_allclose(found, [4 * np.pi + 0.5, -2 * np.pi - 0.4])
@@ -174,7 +174,7 @@ def test_exact_starts_on_circles_are_in_the_turn_of_what_they_are_near():
     assert [float(x) for x in exact_q(planar, far, START)] == START.tolist()
     slide = SimpleNamespace(q=slice(0, 1), whole=None, kind=SimpleNamespace(unit=2), slides=(True,))
     held = SimpleNamespace(coordinates=SimpleNamespace(parts=[slide]))
-    at = SimpleNamespace(near=np.array([9 * np.pi]), independent=(0,))
+    at = SimpleNamespace(near=np.array([9 * np.pi]), equations=SimpleNamespace(independent=(0,)))
     assert [float(x) for x in exact_q(held, at, np.array([0.5]))] == [0.5]
 
 
@@ -183,34 +183,47 @@ def test_exact_starts_on_circles_are_in_the_turn_of_what_they_are_near():
 
 @pytest.fixture
 def marched(monkeypatch, rpdr_model):
-    def run(steps, law=None):
+    def run(stop, law=None):
         asked = []
-        monkeypatch.setattr(enclosing, "march", lambda *_: iter(steps))
+        honest = enclosing.march
+
+        def march(*given):
+            yield next(honest(*given))
+            yield from [stop] if stop else []
+
+        monkeypatch.setattr(enclosing, "march", march)
         monkeypatch.setattr(enclosing, "find_crossing", lambda *given: asked.append(given))
-        told = []
-
-        def collected(loop, start, steps, reason, precision, met):
-            told.append((list(steps), reason, met))
-            return enclosed()
-
-        monkeypatch.setattr(enclosing, "collect", collected)
         monkeypatch.setattr(enclosing, "without_dry_friction", lambda _: ", but")
-        found = enclosing.enclose(rpdr_model, law, START, None, 1.0)
-        return found, asked, told[0]
+        found = enclosing.enclose(rpdr_model, law, START, None, 0.01, longest_step=2.0**-8, pieces=4)
+        monkeypatch.setattr(enclosing, "march", honest)
+        return found, asked
 
     return run
 
 
-def test_a_free_motion_that_is_stuck_is_asked_for_a_singularity(marched, rpdr_model):
-    steps = [line(4.0, 0.25), line(4.25, 0.5)]
-    found, asked, told = marched([*steps, Stuck("why")])
-    assert told[:2] == (steps, "why")
-    assert (asked[0][3], asked[0][4]) == (0.75, 0.25)
-    assert found.reason == enclosed().reason + ", but"
-    assert len(marched([*steps, Stuck("why")], NoTorque(rpdr_model))[1]) == 1
-    assert marched(steps)[1] == []
-    assert marched([Stuck("why")])[1] == []
-    assert marched([*steps, Stuck("why")], ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V))[1] == []
+def test_a_free_motion_that_is_stuck_is_asked_for_a_singularity(marched, rpdr_model, monkeypatch):
+    """Once, for the time that is left; not one under a law, nor one that has no steps or is not stuck."""
+    found, asked = marched(Stuck("why"))
+    assert (len(found.steps), found.verdict) == (1, "undecided")
+    assert "why" in found.reason
+    assert found.reason.endswith(", but")
+    assert len(asked) == 1
+    assert asked[0][2] is found.motion
+    assert asked[0][3] == pytest.approx(0.01 - found.times[-1], rel=1e-12)
+    assert len(marched(Stuck("why"), NoTorque(rpdr_model))[1]) == 1
+    assert marched(None)[1] == []
+    assert marched(Stuck("why"), ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V))[1] == []
+    honest = enclosing.proved_motion
+    with monkeypatch.context() as context:
+        context.setattr(enclosing, "proved_motion", lambda *given: (honest(*given)[0], "refused"))
+        found, asked = marched(Stuck("why"))
+        assert asked == []
+        assert "refused" in found.reason
+    monkeypatch.setattr(enclosing, "march", lambda *_: iter([Stuck("why")]))
+    calls = []
+    monkeypatch.setattr(enclosing, "find_crossing", lambda *given: calls.append(given))
+    assert len(enclosing.enclose(rpdr_model, None, START, None, 0.01).steps) == 0
+    assert calls == []
 
 
 # Crossings.
@@ -223,7 +236,7 @@ def test_determinants_are_those_of_the_closed_form(rpdr_model):
         q_free = oracle.sigma(q, 1.0)[FREE]
         exact = oracle.A3 * oracle.A4 * np.sin(oracle.fold(q_free[FREE]))
         for speeds in (None, [3.0, -2.0]):
-            found = regularity.signed_determinant(one, [ball(float(x)) for x in (*q_free, *(speeds or []))])
+            found = regularity.signed_determinant(one.equations, [ball(float(x)) for x in (*q_free, *(speeds or []))])
             assert abs(float(found.mid())) == pytest.approx(abs(exact), rel=1e-9)
     assert regularity.signed_determinant(SimpleNamespace(jacobian=SimpleNamespace(outputs=())), []) == ball(1)
 
@@ -237,36 +250,37 @@ class Followed:
             ProvenStep(h, [[ball(t - 1.0), ball(1)]], 0.0, [ball(e)], [], 1.0, start_of([ball(t + h - 1.0)]))
             for t, h, e in zip(begins, lengths, errors, strict=True)
         ]
-        self.located = []
+        self.met = []
         monkeypatch.setattr(crossing, "signed_determinant", lambda loop, box: -box[0])
         monkeypatch.setattr(crossing, "march", lambda *_: iter([*steps, *([stop] if stop else [])]))
-        one = SimpleNamespace(field=None, n_x=1)
+        one = SimpleNamespace(equations=None)
         monkeypatch.setattr(crossing, "_other_coordinates", lambda *_: (one, []))
-        monkeypatch.setattr(crossing, "_located", lambda *given: self.located.append(given) or "met")
+        monkeypatch.setattr(crossing, "end_of", lambda _: SimpleNamespace(balls=lambda: [ball(-0.5)]))
+        monkeypatch.setattr(crossing, "_met", lambda *given: self.met.append(given) or "met")
 
-    def run(self, **more):
-        known = SimpleNamespace(**{"left_out": None, "turns": (), **more})
-        return crossing.find_crossing(None, known, [ball(-0.5)], 0.5, 1.0, None)
+    def run(self, free="this"):
+        known = SimpleNamespace(equations=SimpleNamespace(free=free))
+        return crossing.find_crossing(None, known, None, 1.0, None, 120)
 
 
 def test_a_crossing_is_located_since_the_sign_was_last_proved(monkeypatch):
+    """All steps so far, and how many of them the sign is proved after."""
     motion = Followed(monkeypatch, [0.25, 0.25, 0.25], [0.125, 0.125, 0.125])
     assert motion.run() == "met"
-    ((_, steps, time, sign),) = motion.located
-    assert (len(steps), time, sign) == (2, 0.75, 1)
+    ((_, _, steps, unknown, bits),) = motion.met
+    assert (len(steps), unknown, bits) == (3, 1, 120)
     wide = Followed(monkeypatch, [0.25, 0.25, 0.25], [0.5, 0.5, 0.125])
     assert wide.run() == "met"
-    assert (len(wide.located[0][1]), wide.located[0][2]) == (3, 0.5)
+    assert (len(wide.met[0][2]), wide.met[0][3]) == (3, 0)
     later = Followed(monkeypatch, [0.125, 0.125, 0.125, 0.25], [0.5, 0.125, 0.0625, 0.0625])
     assert later.run() == "met"
-    assert (len(later.located[0][1]), later.located[0][2]) == (1, 0.875)
+    assert (len(later.met[0][2]), later.met[0][3]) == (4, 3)
 
 
 def test_crossings_that_are_not_told(monkeypatch):
-    """Rows left out, turns of balls, a sign that is not known, coordinates that are none; the steps end before."""
+    """What is no free motion, a sign that is not known, coordinates that are none; the steps end before."""
     lengths, errors = [0.25, 0.25, 0.25], [0.125] * 3
-    assert Followed(monkeypatch, lengths, errors).run(left_out=1) is None
-    assert Followed(monkeypatch, lengths, errors).run(turns=(1,)) is None
+    assert Followed(monkeypatch, lengths, errors).run(free="") is None
     assert Followed(monkeypatch, [0.25], [0.125]).run() is None
     assert Followed(monkeypatch, [0.25], [0.125], Stuck("why")).run() is None
     one = Followed(monkeypatch, lengths, errors)
@@ -301,9 +315,10 @@ def test_other_coordinates_measure_the_same_motion(monkeypatch, rpdr_model):
     monkeypatch.setattr(crossing, "best_independent", lambda *_: ("joint1", "joint3"))
     other, box = crossing._other_coordinates(rpdr_model, one, here)
     rates = rpdr_model.rho(q_free) @ v
-    assert other.independent != one.independent
-    np.testing.assert_allclose([float(x.mid()) for x in box], [*q_free, *rates[list(other.independent)]], atol=1e-9)
-    for change in ({"independent": one.independent}, {"scalar": False}, {"turns": (1,)}):
+    own, others = one.equations, other.equations.independent
+    assert others != own.independent
+    np.testing.assert_allclose([float(x.mid()) for x in box], [*q_free, *rates[list(others)]], atol=1e-9)
+    for change in ({"equations": own}, {"scalar": False}, {"turns": (1,)}):
         monkeypatch.setattr(crossing, "recorded_loop", lambda *_, c=change: other._replace(**c))
         assert crossing._other_coordinates(rpdr_model, one, here) is None
 
@@ -457,7 +472,7 @@ def test_springs_that_make_another_energy_one_turn_on(steps, unit, independent, 
     stated = [SimpleNamespace(stated=SimpleNamespace(stiffness=stiffness))]
     tree = SimpleNamespace(tree=SimpleNamespace(joints=stated))
     law = SimpleNamespace(model=SimpleNamespace(mechanism=tree))
-    known = SimpleNamespace(joints=(joint,), independent=independent, wrapped=(), upright=())
+    known = KnownLoop(joints=(joint,), independent=independent, wrapped=(), upright=())
     assert arrival.single_valued(known, law) is held
     known.upright = (1,)
     assert not arrival.single_valued(known, law)
@@ -473,7 +488,7 @@ def test_angles_whose_errors_jump_half_a_turn_away(gravity, coupling, held):
     )
     for places in ((4,), (4, 5), (5, 4)):
         wrapped = tuple(SimpleNamespace(place=k) for k in places)
-        known = SimpleNamespace(joints=(), independent=(3, 4, 5), wrapped=wrapped, upright=())
+        known = KnownLoop(joints=(), independent=(3, 4, 5), wrapped=wrapped, upright=())
         assert arrival.single_valued(known, law) is (held and 5 not in places)
 
 
@@ -489,10 +504,9 @@ def moves(monkeypatch):
         monkeypatch.setattr(move, "lyapunov", lambda *_: ball(next(told)))
         monkeypatch.setattr(move, "unconnected", lambda *_: next(asked, "not connected"))
         monkeypatch.setattr(move, "single_valued", lambda *_: single)
-        monkeypatch.setattr(move, "regular", lambda _: None)
         steps = [line(4.0, 0.25) for _ in values[1:]]
         monkeypatch.setattr(move, "march", lambda *_: iter([*steps, *([stop] if stop else [])]))
-        return move._run(SimpleNamespace(loop=jointed(), duration=1.0, options=None), [], goal(2.0))
+        return move._run(SimpleNamespace(loop=jointed(), duration=1.0, options=None, precision=120), [], goal(2.0))
 
     return run
 
@@ -511,6 +525,38 @@ def test_moves_are_proven_refuted_or_neither(moves):
     again = moves([3.0, 1.9, 1.8, 1.0], ["first", ""])
     assert (again.verdict, len(again.steps)) == ("proven", 3)
     assert "why" in moves([3.0, 2.5], stop=Stuck("why")).reason
+
+
+@pytest.mark.parametrize("steps", [0, 1])
+@pytest.mark.parametrize(
+    ("verdict", "stopped", "refused"),
+    [("proven", "", ""), ("undecided", "stuck", ""), ("refuted", "", ""), ("proven", "", "no")],
+)
+def test_moves_are_of_a_motion_that_is_a_fact(monkeypatch, verdict, stopped, refused, steps):
+    """What was asked for ends where the search did, unless that was stopped; what is refused is not proven."""
+    known = [line(4.0, 0.25)] * steps
+    fact = SimpleNamespace(found={"times": np.array([0.0, 0.25])})
+    told, value = [], iter([7.0, 1.5])
+    monkeypatch.setattr(move, "state_of", lambda start: SimpleNamespace(balls=lambda: start))
+    monkeypatch.setattr(move, "_run", lambda *_: move._Outcome(verdict, "so", known, stopped))
+    monkeypatch.setattr(move, "proved_motion", lambda *given: (fact, refused))
+    monkeypatch.setattr(move, "told_of", lambda *given: told.append(given) or SimpleNamespace(times=np.array([0.25])))
+    monkeypatch.setattr(move, "lyapunov", lambda loop, goal, box: told.append(box) or ball(next(value)))
+    start = [ball(4), arb(2, 0.0625), ball(3)]
+    task = SimpleNamespace(loop=jointed(), start=lambda asked: start, precision=120)
+    asked = MotionAsked(None, None, None, 1.0)
+    found = move._of_one(task, asked, goal(2.0))
+    assert found.verdict == ("undecided" if refused else verdict)
+    assert found.reason == (refused or "so")
+    assert (found.witness is not None) is (found.verdict == "refuted")
+    (_, about, motion, why), begin, end = told
+    assert motion is fact
+    assert about.duration == (1.0 if stopped else 0.25)
+    assert why == refused + stopped
+    assert begin == start
+    assert float(end[0].mid()) == (4.25 if steps and not refused else 4.0)
+    assert (found.lyapunov_start, found.lyapunov) == pytest.approx((7.0, 1.5))
+    assert (found.time, found.level) == (0.25, 2.0)
 
 
 def test_levels_come_from_certificates_or_are_numbers(rpdr_model):
@@ -609,9 +655,9 @@ def test_a_set_of_starts_as_asked(monkeypatch, rpdr_model):
     assert found.reason == sets.told([None], "", 16)[1] + ", but"
     assert 0.001 <= jobs[0].period < 0.001 + 2.0**-40
     assert (jobs[0].period * 2.0**40).is_integer()
-    assert jobs[0].motion.loop.efforts is not None
+    assert jobs[0].motion.loop.equations.efforts is not None
     sets.enclose_set(rpdr_model, law, START, None, 0.01, spread=1e-3)
     assert jobs[1].period == np.inf
-    assert jobs[1].motion.loop.efforts is None
+    assert jobs[1].motion.loop.equations.efforts is None
     with pytest.raises(InvalidInputError, match="one motion"):
         sets.enclose_set(rpdr_model, law, START, None, 0.01, spread=0.0)

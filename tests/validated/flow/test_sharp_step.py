@@ -13,17 +13,15 @@ from ccpin.validated.arithmetic.series import all_series
 from ccpin.validated.arithmetic.tape import Tape
 from ccpin.validated.flow import crossing as crossings
 from ccpin.validated.flow.defect import defect_along
+from ccpin.validated.flow.marching import QUANTUM, StepOptions, march
 from ccpin.validated.flow.step import (
-    QUANTUM,
     ProvenStep,
     Start,
-    StepOptions,
     WatchedField,
     _piece,
     _RefusedError,
     attempt,
     evaluate,
-    march,
     start_of,
 )
 from ccpin.validated.sets.propagation import instants_of

@@ -11,16 +11,15 @@ flint = pytest.importorskip("flint")
 from ccpin.validated.arithmetic.balls import ball  # noqa: E402
 from ccpin.validated.arithmetic.series import all_series, gradients, values  # noqa: E402
 from ccpin.validated.arithmetic.tape import Tape  # noqa: E402
-from ccpin.validated.flow.closing import closed_start  # noqa: E402
 from ccpin.validated.flow.defect import defect_along  # noqa: E402
+from ccpin.validated.flow.marching import StepOptions, march  # noqa: E402
 from ccpin.validated.flow.regularity import regular  # noqa: E402
+from ccpin.validated.flow.start_search import closed_start  # noqa: E402
 from ccpin.validated.flow.step import (  # noqa: E402
     ProvenStep,
-    StepOptions,
     WatchedField,
     attempt,
     evaluate,
-    march,
     start_box,
     start_of,
 )
@@ -96,7 +95,7 @@ def test_defect_bounds_the_defect(rpdr_model, law):
 
 def test_exact_start(rpdr_model):
     """Krawczyk's box holds the closed form of σ, is as small as the precision, and is on the branch of `near`."""
-    loop = recorded_loop(rpdr_model, None)
+    loop = recorded_loop(rpdr_model, None).equations
     q = balls(START)
     for mode in (1.0, -1.0):
         expected = oracle.sigma(START, mode)[FREE]
@@ -108,7 +107,7 @@ def test_exact_start(rpdr_model):
 
 def test_a_start_that_cannot_be_closed_is_refused(rpdr_model):
     """Where no solution is near nothing is claimed."""
-    loop = recorded_loop(rpdr_model, None)
+    loop = recorded_loop(rpdr_model, None).equations
     with pytest.raises(ConvergenceError, match="proven to exist"):
         closed_start(loop, balls(np.radians([180.0, 0.0])), np.array([np.pi, 0.3, 0.0, 0.2]))
 

@@ -1,13 +1,18 @@
 """The closed loop recorded: its dynamics are the reduced model's, its closures φ."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import ccpin
 from ccpin.control import Measurement
+from ccpin.control.control_law import NoTorque
 from ccpin.description import CLOSURE_KINDS
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
+from ccpin.mechanism.other_coordinates.independent_sets import with_independent
+from tests.support.paper import GOAL, K_P, K_V
 from tests.support.strategies import Growth
 
 flint = pytest.importorskip("flint")
@@ -17,6 +22,7 @@ from ccpin.validated.arithmetic.tape import Tape  # noqa: E402
 from ccpin.validated.model.closed_loop import recorded_loop  # noqa: E402
 from ccpin.validated.model.recorded_tree import closure_rows, exact_joints  # noqa: E402
 from tests.support.enclosures import balls, numbers  # noqa: E402
+from tests.support.recorded import MECHANISMS  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("precise")
 
@@ -37,10 +43,10 @@ def test_recorded_dynamics(name, stated):
         q, v = model.alpha(q_free), rng.normal(size=n)
         u = np.zeros(model.n_actuated) if controller is None else controller.torque(0.0, Measurement(q, q_free), v)
         expected = np.concatenate([model.rho(q_free) @ v, model.forward_dynamics(q, v, u, q_free)])
-        found = numbers(values(loop.field, balls(q_free, v)))
+        found = numbers(values(loop.equations.field, balls(q_free, v)))
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * max(1.0, np.abs(expected).max()))
         energy = model.energy(q, v, q_free)
-        np.testing.assert_allclose(numbers(values(loop.energies, balls(q_free, v))), energy, rtol=1e-12)
+        np.testing.assert_allclose(numbers(values(loop.equations.energies, balls(q_free, v))), energy, rtol=1e-12)
 
 
 @pytest.mark.parametrize("planar", [False, True])
@@ -60,3 +66,31 @@ def test_recorded_closures(kind, planar):
     np.testing.assert_allclose(
         numbers(values(program, balls(q_free))), constraints.residual(q_free), rtol=0, atol=1e-13
     )
+
+
+def test_whose_free_motion_it_is(rpdr_model):
+    """The same in all coordinates of a mechanism; another's of other masses, lengths, dampers or gravity; no law's."""
+    mechanism, q = rpdr_model.mechanism, rpdr_model.mechanism.q_reference
+    sibling = ccpin.ReducedModel(with_independent(mechanism, ("joint2", "joint4"), q))
+    told = recorded_loop(rpdr_model, None).equations.free
+    assert told
+    assert recorded_loop(sibling, None, q).equations.free == told
+    assert recorded_loop(rpdr_model, NoTorque(rpdr_model)).equations.free == told
+    described = mechanism.description
+    link = next(one for one in described.links if one.inertia is not None and one.inertia.mass > 0.0)
+    heavier = replace(link, inertia=replace(link.inertia, mass=2.0 * link.inertia.mass))
+    others = [
+        ccpin.ReducedModel(mechanism, (0.0, 0.0, -1.0)),
+        ccpin.ReducedModel(
+            ccpin.load(replace(described, links=tuple(heavier if one is link else one for one in described.links)))
+        ),
+        ccpin.ReducedModel(ccpin.load("rpdr", joints={"joint3": {"damping": 0.5}})),
+        ccpin.ReducedModel(ccpin.load("four_bar")),
+    ]
+    assert len({told, *(recorded_loop(model, None).equations.free for model in others)}) == 5
+    law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
+    assert recorded_loop(rpdr_model, law).equations.free == ""
+    assert recorded_loop(ccpin.ReducedModel(ccpin.load("bennett")), None).equations.free == ""
+    turned = recorded_loop(ccpin.ReducedModel(MECHANISMS["single turn"]()), None)
+    assert turned.turns
+    assert turned.equations.free == ""

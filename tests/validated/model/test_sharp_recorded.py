@@ -16,8 +16,9 @@ flint = pytest.importorskip("flint")
 
 from ccpin.validated.arithmetic.balls import ball  # noqa: E402
 from ccpin.validated.arithmetic.series import values  # noqa: E402
+from ccpin.validated.loop_equations import _is_upright, too_far_turned  # noqa: E402
 from ccpin.validated.model import ball_joints, recorded_coordinates, recorded_tree  # noqa: E402
-from ccpin.validated.model.closed_loop import _unit_lengths, recorded_loop, too_far_turned  # noqa: E402
+from ccpin.validated.model.closed_loop import _unit_lengths, recorded_loop  # noqa: E402
 from ccpin.validated.model.recorded_laws import require_sampled  # noqa: E402
 from tests.support.recorded import (  # noqa: E402
     MECHANISMS,
@@ -41,9 +42,9 @@ def compare(model, controller=None, seed=1, tolerance=1e-10):
     u = np.zeros(model.n_actuated) if controller is None else controller.torque(0.0, state, v)
     expected = np.concatenate([x_rate(loop, state, v), state.forward_dynamics(v, u)])
     scale = max(1.0, np.abs(expected).max())
-    np.testing.assert_allclose(numbers(values(loop.field, start)), expected, rtol=0, atol=tolerance * scale)
-    np.testing.assert_allclose(numbers(values(loop.energies, start)), state.energy(v), rtol=1e-10)
-    np.testing.assert_allclose(numbers(values(loop.closure, start)), 0.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(numbers(values(loop.equations.field, start)), expected, rtol=0, atol=tolerance * scale)
+    np.testing.assert_allclose(numbers(values(loop.equations.energies, start)), state.energy(v), rtol=1e-10)
+    np.testing.assert_allclose(numbers(values(loop.equations.closure, start)), 0.0, rtol=0, atol=1e-12)
     return loop, state, v
 
 
@@ -67,7 +68,7 @@ def test_a_geared_wheel_some_turns_on():
     state = model.at([2.4 * np.pi])
     loop = recorded_loop(model, None, state.q_free)
     x = loop.numbers(state.q_free)
-    assert abs(float(values(loop.closure, balls(x, [0.0]))[0].mid())) < 1e-9
+    assert abs(float(values(loop.equations.closure, balls(x, [0.0]))[0].mid())) < 1e-9
     later = recorded_loop(model, None, state.q_free)
     assert abs(later.near[1] - x[1]) < 1e-12
 
@@ -94,14 +95,18 @@ def test_slides_on_bodies_that_turn():
 def test_there_are_as_many_equations_as_numbers_that_depend(name):
     model = ccpin.ReducedModel(MECHANISMS[name]())
     loop = recorded_loop(model, None)
-    assert len(loop.closure.outputs) == len(loop.dependent) == loop.n_x - len(loop.independent)
+    assert (
+        len(loop.equations.closure.outputs)
+        == len(loop.equations.dependent)
+        == loop.equations.n_x - len(loop.equations.independent)
+    )
 
 
 def test_plain_angles_are_no_circles(rpdr_model):
     """Nor are whole balls."""
     law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
     loop = recorded_loop(rpdr_model, law)
-    assert loop.wrapped == ()
+    assert loop.equations.wrapped == ()
     for model, scalar, circles in (
         (ball_joint(), False, ()),
         (ccpin.ReducedModel(ccpin.load(with_kinds("slider_crank", crank="continuous"))), True, (0,)),
@@ -219,27 +224,27 @@ def test_the_lyapunov_function_and_held_efforts(rpdr_model):
     K_p, K_v = np.array([[11.0, 2.0], [2.0, 9.0]]), np.array([[0.7, 0.1], [0.1, 0.6]])
     law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_p, K_v)
     loop, state, v = compare(rpdr_model, law)
-    told = numbers(values(loop.lyapunov, balls(loop.numbers(state.q_free), v)))[0]
+    told = numbers(values(loop.equations.lyapunov, balls(loop.numbers(state.q_free), v)))[0]
     potential = rpdr_model.energy(law.q_d, np.zeros(2), law.q_free_d).potential
     assert told == pytest.approx(law.lyapunov(state.q, v, state.q_free) + potential, abs=1e-10)
     held = recorded_loop(rpdr_model, law, state.q_free, held=True)
     u = law.torque(0.0, state, v)
     start = [*balls(held.numbers(state.q_free), v), ball(0), ball(0)]
-    np.testing.assert_allclose(numbers(values(held.efforts, start)), u, atol=1e-11)
+    np.testing.assert_allclose(numbers(values(held.equations.efforts, start)), u, atol=1e-11)
     other = np.array([0.3, -0.2])
-    rates = numbers(values(held.field, [*start[:-2], *balls(other)]))
+    rates = numbers(values(held.equations.field, [*start[:-2], *balls(other)]))
     np.testing.assert_allclose(rates[-4:-2], state.forward_dynamics(v, other), atol=1e-9)
     np.testing.assert_array_equal(rates[-2:], 0.0)
-    drift = numbers(values(held.drift, [*start[:-2], *balls(other)]))
+    drift = numbers(values(held.equations.drift, [*start[:-2], *balls(other)]))
     np.testing.assert_allclose(drift[:4], state.rho @ v, atol=1e-12)
     np.testing.assert_array_equal(drift[4:], 0.0)
-    np.testing.assert_array_equal(held.gains, np.hstack([-K_p, -K_v]))
+    np.testing.assert_array_equal(held.equations.gains, np.hstack([-K_p, -K_v]))
     elsewhere = ccpin.ReducedModel(ccpin.load("rpdr", actuated=["joint3", "joint4"], independent=["joint1", "joint2"]))
     law = ccpin.control.PDSimpleGravity(elsewhere, GOAL, K_P, K_V)
     at_start = elsewhere.at(GOAL)
     held = recorded_loop(elsewhere, law, at_start.q_free, held=True)
-    assert held.gains is None
-    rates = numbers(values(held.field, balls(held.numbers(at_start.q_free), [0.3, 0.1], other)))
+    assert held.equations.gains is None
+    rates = numbers(values(held.equations.field, balls(held.numbers(at_start.q_free), [0.3, 0.1], other)))
     np.testing.assert_allclose(rates[4:6], at_start.forward_dynamics(np.array([0.3, 0.1]), other), atol=1e-8)
 
 
@@ -248,13 +253,13 @@ def test_angles_on_circles_that_a_law_reads():
     model = ccpin.ReducedModel(ccpin.load(with_kinds("slider_crank", crank="continuous")))
     law = ccpin.control.PDSimpleGravity(model, [np.cos(1.0), np.sin(1.0)], 2.0, 0.5)
     loop, state, v = compare(model, law)
-    (angle,) = loop.wrapped
-    assert angle.place == loop.independent[0]
+    (angle,) = loop.equations.wrapped
+    assert angle.place == loop.equations.independent[0]
     assert float(angle.target) == pytest.approx(1.0, abs=1e-15)
     x = loop.numbers(state.q_free)
     for off, told in ((3.1, True), (-3.1, True), (3.2, False), (-3.2, False)):
         x[angle.place] = 1.0 + off
-        assert (too_far_turned(loop, balls(x, v)) == "") is told
+        assert (too_far_turned(loop.equations, balls(x, v)) == "") is told
 
 
 def test_balls_that_are_turned_too_far():
@@ -267,11 +272,13 @@ def test_balls_that_are_turned_too_far():
     across = ball_joints.ball_at(joint, np.array([0.0, 0.6, 0.0, 0.8]), np.array([9.0, 1.0, 0.0, 0.0, 0.0]))
     np.testing.assert_allclose(numbers(across.reference), [0.0, 0.6, 0.0, 0.8])
     box = [ball(0), ball(0), ball(0.6), ball(0), ball(0.8)]
-    assert ball_joints.upright(straight, box)
-    assert not ball_joints.upright(turned, box)
-    assert not ball_joints.upright(straight, [ball(0), ball(0), ball(0), ball(0), ball(0)])
-    assert ball_joints.upright(straight, [*box[:4], flint.arb(0.8, 1.2)])
-    assert not ball_joints.upright(straight, [*box[:4], flint.arb(0.8, 1.3)])
+    turned, straight = turned.upright, straight.upright
+    assert (turned.place, straight.place) == (1, 1)
+    assert _is_upright(straight, box)
+    assert not _is_upright(turned, box)
+    assert not _is_upright(straight, [ball(0), ball(0), ball(0), ball(0), ball(0)])
+    assert _is_upright(straight, [*box[:4], flint.arb(0.8, 1.2)])
+    assert not _is_upright(straight, [*box[:4], flint.arb(0.8, 1.3)])
     loop = SimpleNamespace(wrapped=(), upright=(straight, turned))
     assert "half a turn" in too_far_turned(loop, box)
     assert too_far_turned(SimpleNamespace(wrapped=(), upright=(straight,)), box) == ""

@@ -19,7 +19,7 @@ Q = np.radians([[-120.0, -130.0], [-100.0, -115.0], [-140.0, -150.0]])
 
 @pytest.fixture(scope="module")
 def loop(rpdr_model):
-    return recorded_loop(rpdr_model, ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V))
+    return recorded_loop(rpdr_model, ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)).equations
 
 
 def configurations(q):

@@ -13,7 +13,8 @@ from ccpin.errors import ConvergenceError
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, joined
 from ccpin.validated.arithmetic.balls import ball, flint
 from ccpin.validated.arithmetic.tape import Tape
-from ccpin.validated.flow.closing import closed_start, krawczyk, unique_there
+from ccpin.validated.flow.closing import krawczyk
+from ccpin.validated.flow.start_search import closed_start, unique_there
 from ccpin.validated.sets import curvature as module
 from ccpin.validated.sets.branch import closed_boxes, jets_of, states_of
 from ccpin.validated.sets.curvature import Instants, UnboundedError, at_middles, boxes, curvature_over, feedback
@@ -418,13 +419,12 @@ def test_balls_are_less_than_half_a_turn_away():
     for more, holds in ((1.05e-9, True), (0.95e-9, False)):
         turned = np.array([0.5, 0.5, 0.5, 0.5])
         turned[3] -= (0.5 * short - more) / (p[3] - rad[3])
-        joint = SimpleNamespace(x=slice(1, 5))
-        one.upright = (SimpleNamespace(joint=joint, reference=tuple(ball(x) for x in turned)),)
+        one.upright = (SimpleNamespace(place=1, reference=tuple(ball(x) for x in turned)),)
         assert proves(one, np.array([[0.5, 0.0]]), at) is holds
     other = twice(at)
     other.middle.mid[1, :5] *= -1.0
     other.during.mid[1, :5] = other.middle.mid[1, :5]
-    one.upright = (SimpleNamespace(joint=joint, reference=tuple(ball(0.5) for _ in range(4))),)
+    one.upright = (SimpleNamespace(place=1, reference=tuple(ball(0.5) for _ in range(4))),)
     assert proves(one, np.array([[0.5, 0.0]]), at)
     assert not proves(one, np.tile([[0.5, 0.0]], (2, 1)), other)
 

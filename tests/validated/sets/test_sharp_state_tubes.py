@@ -11,16 +11,21 @@ pytest.importorskip("flint")
 
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly
 from ccpin.validated.arithmetic.balls import ball
+from ccpin.validated.arithmetic.exact_numbers import boxed
 from ccpin.validated.arithmetic.series import all_series
 from ccpin.validated.arithmetic.tape import Tape
-from ccpin.validated.flow.step import ProvenStep, StepOptions, Stuck, WatchedField, attempt, start_of
+from ccpin.validated.flow.marching import StepOptions, Stuck
+from ccpin.validated.flow.motion_task import MotionAsked
+from ccpin.validated.flow.start_search import proved_start
+from ccpin.validated.flow.step import ProvenStep, WatchedField, attempt, start_of
+from ccpin.validated.flow.step_claim import step_of
 from ccpin.validated.sets import propagation, subdivision
 from ccpin.validated.sets import tube_theorem as tube
 from ccpin.validated.sets.curvature import Curvature, Instants, UnboundedError
 from ccpin.validated.sets.propagation import CrossSection, Cut, first_section, grow, instants_of, sampled_section
-from ccpin.validated.sets.subdivision import Starts, Tube, _at_a_sample, _grown, _motion, _widest, cover
+from ccpin.validated.sets.subdivision import Starts, Tube, _grown, _motion, _widest, cover
 from ccpin.validated.sets.tube_theorem import SliceFrames, TimeSlice, _fitting, _stretch, _terms, advance
-from tests.support.parabola import linear, loop, parabola
+from tests.support.parabola import equations, linear, loop, parabola
 
 pytestmark = pytest.mark.usefixtures("precise")
 
@@ -404,22 +409,35 @@ def test_parts_are_halved_until_they_are_proven(monkeypatch):
 
 def job(one, duration, arrived=None, period=np.inf):
     options = StepOptions(order=8, tolerance=1e-12, pieces=2, shortest=2.0**-12, longest=1.0)
+    known = equations(one)
 
-    def closed(near, q, v):
+    def asked(near, q, v):
         assert near.tolist() == [float(x) for x in q]
-        return [*q, *(ball(x) for x in v.tolist()), *[ball(0)] * (one.field.inputs - 2)]
+        return MotionAsked(boxed(q, 120), v, np.zeros(one.n_x), duration)
 
-    one.jacobian = one.closure
     model = SimpleNamespace(coordinates=SimpleNamespace(parts=[SimpleNamespace(v=slice(0, 1), whole=None)]))
-    motion = SimpleNamespace(model=model, loop=one, closed=closed, duration=duration, options=options, precision=120)
+    motion = SimpleNamespace(
+        model=model,
+        loop=SimpleNamespace(equations=known),
+        asked=asked,
+        start=lambda told: proved_start(known, told.q, told.x, told.v, 120),
+        duration=duration,
+        options=options,
+        precision=120,
+    )
     return subdivision.TubeTask(motion, Cut(1, np.inf), arrived, period)
 
 
 @pytest.fixture
 def regular(monkeypatch):
-    """All boxes are regular, and enclosures are what they are made of."""
-    monkeypatch.setattr(subdivision, "regular", lambda one: WatchedField(one.field, lambda box: 1.0))
-    monkeypatch.setattr(subdivision, "collect", lambda loop, start, steps, reason, precision: tuple(steps))
+    """Enclosures are what they are made of."""
+
+    def told(loop, asked, motion, stopped):
+        assert asked.is_of(motion)
+        assert asked.duration == motion.found["times"][-1]
+        return [step_of(step) for step in motion.premises[1:]]
+
+    monkeypatch.setattr(subdivision, "told_of", told)
 
 
 def spring():
@@ -459,6 +477,11 @@ def test_where_a_tube_stops(regular, monkeypatch):
     assert "not yet" in found.reason
     found, across = _grown(job(spring(), 0.01, lambda piece: subdivision.TOO_EARLY), box)
     assert (found.verdict, across) == ("undecided", None)
+    honest = subdivision.proved_motion
+    with monkeypatch.context() as context:
+        context.setattr(subdivision, "proved_motion", lambda *given: (honest(*given)[0], "refused"))
+        found, _ = _grown(job(spring(), 0.01), box)
+        assert (found.verdict, "refused" in found.reason) == ("undecided", True)
     monkeypatch.setattr(subdivision, "march", lambda *_: iter([Stuck("stuck")]))
     found, across = _grown(job(spring(), 0.25), Starts(box.q, box.v, np.array([0.03, 0.02])))
     assert (found.verdict, across, found.duration) == ("undecided", 0, 0.0)
@@ -469,9 +492,9 @@ def test_motions_under_sampled_laws(regular):
     """Each sample reads the law; the period's last piece is no longer than what is left."""
     one = sampled()
     start = [ball(1.0), ball(-0.5), ball(0)]
-    assert [float(x) for x in _at_a_sample(one, start)] == [1.0, -0.5, -0.5]
+    assert [float(x) for x in one.at_a_sample(start)] == [1.0, -0.5, -0.5]
     plain = spring()
-    assert _at_a_sample(plain, start[:2]) == start[:2]
+    assert plain.at_a_sample(start[:2]) == start[:2]
     found = list(_motion(job(one, 0.3125, period=0.125), start))
     lengths = [step.length for step, _ in found]
     assert sum(lengths) == 0.3125
@@ -485,6 +508,15 @@ def test_motions_under_sampled_laws(regular):
         since += held
     np.testing.assert_allclose([float(c) for c in found[-1][0].end.centre[:2]], x, atol=1e-9)
     assert next(s for _, s in _motion(job(spring(), 0.125), start[:2])) is False
+
+
+@pytest.mark.usefixtures("regular")
+def test_a_tube_of_a_sampled_loop_is_round_one_motion():
+    """Its steps go on from one another where the law is read as well."""
+    box = Starts(np.array([0.5]), np.array([-0.25]), np.array([0.01, 0.02]))
+    found, _ = _grown(job(sampled(), 2.0**-5, period=2.0**-6), box)
+    assert (found.verdict, found.duration) == ("proven", 2.0**-5)
+    assert len(found.enclosure) >= 2
 
 
 def piece(time, half, frame, bound, rate=None, curve=None):
@@ -519,7 +551,8 @@ def test_places_in_a_tube():
     slices = tuple(
         piece(t, 0.5, np.array([[2.0, 0.5], [0.0, 1.0]]) * (1 + t), [0.5, 0.25], rate, curve) for t in (0.5, 1.5)
     )
-    enclosure = SimpleNamespace(loop=SimpleNamespace(independent=(0,), n_x=1), inputs=lambda t: [ball(3.0), ball(t)])
+    own = SimpleNamespace(equations=SimpleNamespace(independent=(0,), n_x=1))
+    enclosure = SimpleNamespace(loop=own, inputs=lambda t: [ball(3.0), ball(t)])
     tube_found = Tube(starts(1.0, 1.0), "proven", "", enclosure, slices)
     assert tube_found.duration == 2.0
     for t, k in ((0.0, 0), (0.75, 0), (1.0, 1), (1.75, 1), (2.0, 1)):

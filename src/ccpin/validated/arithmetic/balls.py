@@ -21,6 +21,7 @@ from ccpin.errors import CcpinError
 
 Ball = Any  # flint.arb: python-flint carries no types
 Rational = Any  # flint.fmpq
+_RADIUS_BITS = 30  # of a ball's radius
 
 
 def flint() -> Any:
@@ -52,12 +53,23 @@ def _taken_apart(x: Ball) -> tuple[Any, ...]:
 
 
 def _put_together(*numbers: tuple[int, int]) -> Ball:
-    """The ball of a middle and a radius, man·2^exp each: flint rounds a radius up, by a part in 2³⁰; all for none."""
+    """The ball of a middle and a radius, man·2^exp each; all for none."""
     if not numbers:
         return flint().arb("nan")
     bits = max(64, *(abs(man).bit_length() for man, _ in numbers))
     with flint().ctx.workprec(bits):
-        return flint().arb(*numbers)
+        return with_radius(*map(flint().arb, numbers))
+
+
+def with_radius(centre: Ball, radius: Ball) -> Ball:
+    """The ball of a middle and a radius, balls of radius 0.
+
+    Flint makes of a radius the next one of 30 bits that is larger, so it is given the one before.
+    """
+    man, exp = radius.man_exp()
+    before = flint().arb(((int(man) << _RADIUS_BITS) - (1 << (int(man) - 1).bit_length()), int(exp) - _RADIUS_BITS))
+    found = flint().arb(centre, before) if man else centre
+    return found if found.rad() >= radius else flint().arb(centre, radius)
 
 
 def rational(value: float) -> Rational:

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.validated.arithmetic import tape
+from ccpin.validated.arithmetic import programs
 from ccpin.validated.arithmetic.ball_arrays import (
     BallArray,
     gain,
@@ -30,8 +30,8 @@ from ccpin.validated.arithmetic.ball_arrays import (
     stacked,
     zeros,
 )
+from ccpin.validated.arithmetic.programs import Instruction, Program
 from ccpin.validated.arithmetic.series import NotInvertibleError
-from ccpin.validated.arithmetic.tape import Instruction, Program
 
 
 class Jet(NamedTuple):
@@ -80,25 +80,25 @@ class _JetEvaluation:
     def visit(self, item: Instruction) -> None:
         """One value's jet."""
         found, a, b = self.found, item.a, item.b
-        if item.kind == tape.MULTIPLY:
+        if item.kind == programs.MULTIPLY:
             result = self.product(found[a], found[b])
-        elif item.kind == tape.ADD:
+        elif item.kind == programs.ADD:
             result = Jet._make(_sum(x, y) for x, y in zip(found[a], found[b], strict=True))
-        elif item.kind == tape.SUBTRACT:
+        elif item.kind == programs.SUBTRACT:
             result = Jet._make(_sum(x, None if y is None else -y) for x, y in zip(found[a], found[b], strict=True))
-        elif item.kind == tape.SCALE:
+        elif item.kind == programs.SCALE:
             factor = of_balls([[item.constant]]).at(0)
             result = Jet._make(None if x is None else _spread(factor, x.mid.ndim) * x for x in found[a])
-        elif item.kind in (tape.SINE, tape.COSINE):
+        elif item.kind in (programs.SINE, programs.COSINE):
             sine, cosine = self.trigonometric(a)
-            waves = (sine, cosine, -sine, -cosine) if item.kind == tape.SINE else (cosine, -sine, -cosine, sine)
+            waves = (sine, cosine, -sine, -cosine) if item.kind == programs.SINE else (cosine, -sine, -cosine, sine)
             result = self.composed(found[a], waves)
-        elif item.kind == tape.GAIN:
+        elif item.kind == programs.GAIN:
             result = self.composed(found[a], tuple(gain(found[a].value, b + k) for k in range(4)))
-        elif item.kind == tape.SOLVE:
+        elif item.kind == programs.SOLVE:
             found[item.target] = self.solution(item)
             return
-        elif item.kind == tape.PART:
+        elif item.kind == programs.PART:
             result = found[a][b]
         else:
             constant = of_balls([[item.constant]]).at(0)

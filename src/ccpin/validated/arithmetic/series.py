@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ccpin.validated.arithmetic import tape
+from ccpin.validated.arithmetic import programs
 from ccpin.validated.arithmetic.balls import Ball, BallInverse, ball, flint, gain, inverse
-from ccpin.validated.arithmetic.tape import Instruction, Program
+from ccpin.validated.arithmetic.programs import Instruction, Program
 
 Memory = dict[Any, Any]  # a system's matrix (numbers of values) -> its inverse; (w, k) -> coefficients of g⁽ᵏ⁾(w)
 
@@ -39,23 +39,23 @@ def _values(program: Program, inputs: Sequence[Ball], inverses: Memory) -> list[
 
 def _value(item: Instruction, found: list[Any], inverses: Memory) -> Any:
     a, b = item.a, item.b
-    if item.kind == tape.MULTIPLY:
+    if item.kind == programs.MULTIPLY:
         return found[a] * found[b]
-    if item.kind == tape.ADD:
+    if item.kind == programs.ADD:
         return found[a] + found[b]
-    if item.kind == tape.SUBTRACT:
+    if item.kind == programs.SUBTRACT:
         return found[a] - found[b]
-    if item.kind == tape.SCALE:
+    if item.kind == programs.SCALE:
         return item.constant * found[a]
-    if item.kind == tape.SINE:
+    if item.kind == programs.SINE:
         return found[a].sin()
-    if item.kind == tape.COSINE:
+    if item.kind == programs.COSINE:
         return found[a].cos()
-    if item.kind == tape.GAIN:
+    if item.kind == programs.GAIN:
         return gain(found[a], b)
-    if item.kind == tape.PART:
+    if item.kind == programs.PART:
         return found[a][b]
-    if item.kind == tape.SOLVE:
+    if item.kind == programs.SOLVE:
         right = flint().arb_mat([[found[number] for number in row] for row in b.right])
         return _inverse(b.matrix, found.__getitem__, inverses).times(right).entries()
     return item.constant
@@ -86,35 +86,35 @@ def gradients(program: Program, inputs: Sequence[Ball]) -> list[list[Ball]]:
     for item in program.instructions:
         k = item.target
         found[k] = _value(item, found, inverses)
-        if item.kind == tape.SINE:  # its slope is the cosine, which comes next
+        if item.kind == programs.SINE:  # its slope is the cosine, which comes next
             found[item.b] = found[item.a].cos()
         slopes[k] = _gradient(item, found, slopes, zero, inverses)
-        if item.kind == tape.SOLVE:
+        if item.kind == programs.SOLVE:
             found[k] = [narrowed(*entry) for entry in zip(found[k], middle[k], slopes[k], strict=True)]
-        elif item.kind != tape.PART and not isinstance(slopes[k], int):
+        elif item.kind != programs.PART and not isinstance(slopes[k], int):
             found[k] = narrowed(found[k], middle[k], slopes[k])
     return [list(zero + slopes[number]) for number in program.outputs]
 
 
 def _gradient(item: Instruction, found: list[Any], slopes: list[Any], zero: Any, inverses: Memory) -> Any:
     a, b = item.a, item.b
-    if item.kind == tape.MULTIPLY:
+    if item.kind == programs.MULTIPLY:
         return slopes[a] * found[b] + slopes[b] * found[a]
-    if item.kind == tape.ADD:
+    if item.kind == programs.ADD:
         return slopes[a] + slopes[b]
-    if item.kind == tape.SUBTRACT:
+    if item.kind == programs.SUBTRACT:
         return slopes[a] - slopes[b]
-    if item.kind == tape.SCALE:
+    if item.kind == programs.SCALE:
         return slopes[a] * item.constant
-    if item.kind == tape.SINE:
+    if item.kind == programs.SINE:
         return slopes[a] * found[b]
-    if item.kind == tape.COSINE:
+    if item.kind == programs.COSINE:
         return slopes[a] * -found[b]
-    if item.kind == tape.GAIN:
+    if item.kind == programs.GAIN:
         return slopes[a] * gain(found[a], b + 1)
-    if item.kind == tape.PART:
+    if item.kind == programs.PART:
         return slopes[a][b]
-    if item.kind == tape.SOLVE:
+    if item.kind == programs.SOLVE:
         return _solution_gradient(item, found, slopes, zero, inverses)
     return 0
 
@@ -177,21 +177,21 @@ def _extend(program: Program, series: list[Any], degree: int, inverses: Memory) 
 def _advance(item: Instruction, degree: int, series: list[Any], inverses: Memory) -> None:
     """Append the coefficient of one degree to one value."""
     a, b = item.a, item.b
-    if item.kind == tape.MULTIPLY:
+    if item.kind == programs.MULTIPLY:
         result = sum(map(mul, series[a], reversed(series[b])))
-    elif item.kind == tape.ADD:
+    elif item.kind == programs.ADD:
         result = series[a][degree] + series[b][degree]
-    elif item.kind == tape.SUBTRACT:
+    elif item.kind == programs.SUBTRACT:
         result = series[a][degree] - series[b][degree]
-    elif item.kind == tape.SCALE:
+    elif item.kind == programs.SCALE:
         result = item.constant * series[a][degree]
-    elif item.kind in (tape.SINE, tape.COSINE):
+    elif item.kind in (programs.SINE, programs.COSINE):
         result = _trigonometric(item, degree, series)
-    elif item.kind == tape.GAIN:
+    elif item.kind == programs.GAIN:
         result = _composed(a, b, degree, series, inverses)
-    elif item.kind == tape.PART:
+    elif item.kind == programs.PART:
         result = series[a][degree][b]
-    elif item.kind == tape.SOLVE:
+    elif item.kind == programs.SOLVE:
         result = _solution(item, degree, series, inverses)
     else:
         result = item.constant if degree == 0 else ball(0)
@@ -202,9 +202,9 @@ def _trigonometric(item: Instruction, degree: int, series: list[Any]) -> Ball:
     """From s′ = c a′ and c′ = −s a′."""
     angle, other = series[item.a], series[item.b]
     if degree == 0:
-        return angle[0].sin() if item.kind == tape.SINE else angle[0].cos()
+        return angle[0].sin() if item.kind == programs.SINE else angle[0].cos()
     total = sum(j * angle[j] * other[degree - j] for j in range(1, degree + 1))
-    return total / (degree if item.kind == tape.SINE else -degree)
+    return total / (degree if item.kind == programs.SINE else -degree)
 
 
 def _composed(a: int, order: int, degree: int, series: list[Any], known: Memory) -> Ball:

@@ -9,55 +9,29 @@ gradients, Taylor coefficients along the solution of an equation.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ccpin.validated.arithmetic.balls import ball, flint
+from ccpin.validated.arithmetic.programs import (
+    ADD,
+    CONSTANT,
+    COSINE,
+    GAIN,
+    INPUT,
+    MULTIPLY,
+    PART,
+    SCALE,
+    SINE,
+    SOLVE,
+    SUBTRACT,
+    Instruction,
+    LinearSystem,
+    Program,
+)
 
-INPUT, CONSTANT, ADD, SUBTRACT, MULTIPLY, SCALE, SINE, COSINE, SOLVE, PART, GAIN = range(11)  # kinds of instructions
 Expression = Any  # a Node, or a constant: int, fmpq or arb
-
-
-class Instruction(NamedTuple):
-    """One operation of a program.
-
-    Attributes:
-        kind: Its code.
-        target: The number of the value it defines (for SOLVE: of nothing; its PARTs define the values).
-        a, b: Numbers of its operands: SINE and COSINE know each other by b; PART is column b of a row-major
-            solution of SOLVE a; SOLVE keeps a `LinearSystem` in b, GAIN the order of its derivative.
-        constant: The factor of SCALE, the value of CONSTANT.
-    """
-
-    kind: int
-    target: int
-    a: Any = None
-    b: Any = None
-    constant: Any = None
-
-
-class LinearSystem(NamedTuple):
-    """A z = B with numbers of values as entries; A of shape (m, m), B of shape (m, k)."""
-
-    matrix: tuple[tuple[int, ...], ...]
-    right: tuple[tuple[int, ...], ...]
-
-
-class Program(NamedTuple):
-    """Instructions in an order in which they can be run.
-
-    Attributes:
-        size: How many values there are.
-        inputs: How many inputs there are; they are values 0, 1, ….
-        instructions: All that the outputs need.
-        outputs: Numbers of the output values.
-    """
-
-    size: int
-    inputs: int
-    instructions: tuple[Instruction, ...]
-    outputs: tuple[int, ...]
 
 
 class Node:

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from operator import mul
 from typing import Any, NamedTuple
 
-from ccpin.validated.arithmetic import tape
+from ccpin.validated.arithmetic import programs
 from ccpin.validated.arithmetic.balls import Ball, around, ball, flint, gain, inverse, magnitude
+from ccpin.validated.arithmetic.programs import Instruction, Program
 from ccpin.validated.arithmetic.series import NotInvertibleError, extend
-from ccpin.validated.arithmetic.tape import Instruction, Program
 
 
 class _Bound(NamedTuple):
@@ -92,29 +92,29 @@ class _AlongPolynomial:
 
     def visit(self, item: Instruction) -> None:
         """Bound one value."""
-        if item.kind == tape.SOLVE:
+        if item.kind == programs.SOLVE:
             self.bounds[item.target] = self.solution(item)
             return
-        if item.kind == tape.PART:
+        if item.kind == programs.PART:
             self.bounds[item.target] = self.bounds[item.a][item.b]
             return
         self.bounds[item.target] = self.bound(self.series[item.target], self.rest(item))
 
     def rest(self, item: Instruction) -> Ball:
         """ω of a value that is not the solution of a linear system: the lemma's 1 and 2, sums and multiples."""
-        if item.kind in (tape.ADD, tape.SUBTRACT):
+        if item.kind in (programs.ADD, programs.SUBTRACT):
             return self.bounds[item.a].rest + self.bounds[item.b].rest
-        if item.kind == tape.SCALE:
+        if item.kind == programs.SCALE:
             return magnitude(item.constant) * self.bounds[item.a].rest
-        if item.kind == tape.MULTIPLY:
+        if item.kind == programs.MULTIPLY:
             a, b = self.bounds[item.a], self.bounds[item.b]
             return _tail(a, b) + a.size * b.rest + b.size * a.rest + a.rest * b.rest
-        if item.kind in (tape.SINE, tape.COSINE):
+        if item.kind in (programs.SINE, programs.COSINE):
             pair = zip(self.series[item.target], self.series[item.b], strict=True)
             both = self.bound([magnitude(s) + magnitude(c) for s, c in pair], ball(0))
             angle = self.bounds[item.a]
             return _tail(angle, both) + angle.rest
-        if item.kind == tape.GAIN:
+        if item.kind == programs.GAIN:
             return self.composed(item)
         return ball(0)
 

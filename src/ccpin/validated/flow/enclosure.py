@@ -1,8 +1,4 @@
-"""`enclose`: a trajectory of the closed loop with a proof, and σ certified along it.
-
-Theorem M of `ccpin/proof/theorems/enclosure.md`; it also says which numbers the mechanism's and the law's are taken to
-be. Its 1 is `MotionTask.start`, its 2 `march`, its 3 `regular`.
-"""
+"""What is told of an enclosed motion: all of it from facts, in doubles rounded outwards."""
 
 from __future__ import annotations
 
@@ -14,20 +10,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, numbers
-from ccpin.control.control_law import ControlLaw, idle
-from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
-from ccpin.mechanism.assumptions import without_dry_friction
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.facts import Fact, NotProvedError, prove
 from ccpin.proof.verdict import Judged, Verdict, Witness
 from ccpin.validated.arithmetic.ball_arrays import of_balls
-from ccpin.validated.arithmetic.balls import Ball, around, ball, bounds, centre_of, flint, hull, magnitude, upper
-from ccpin.validated.arithmetic.series import gradients, values
-from ccpin.validated.flow.crossing import Crossing, find_crossing
-from ccpin.validated.flow.defect import sizes_along
-from ccpin.validated.flow.motion_task import task_of
-from ccpin.validated.flow.regularity import regular
-from ccpin.validated.flow.step import SHORTEST_STEP, ProvenStep, StepOptions, march, start_box, start_of
+from ccpin.validated.arithmetic.balls import Ball, around, ball, bounds, centre_of, flint, hull
+from ccpin.validated.arithmetic.exact_numbers import ExactBox
+from ccpin.validated.arithmetic.series import values
+from ccpin.validated.flow.crossing import witness_of
+from ccpin.validated.flow.crossing_claim import SingularMet
+from ccpin.validated.flow.motion_claim import MotionEnclosed
+from ccpin.validated.flow.motion_task import MotionAsked
+from ccpin.validated.flow.start_claim import state_of
+from ccpin.validated.flow.step import ProvenStep, start_box
+from ccpin.validated.flow.step_claim import step_of
+from ccpin.validated.loop_equations import ClosedLoopEquations
 from ccpin.validated.model.closed_loop import ClosedLoop
 from ccpin.validated.model.recorded_coordinates import configuration
 
@@ -60,16 +57,15 @@ class Enclosure(Judged):
         v_lower, v_upper: A box around q̇ during each step, of shape (K, n).
         determinant: A lower bound of |det ψ_q′| on each step's box, positive, of shape (K,).
         left_open: An upper bound of the size of φ's redundant rows during each step, m and rad, of shape (K,).
-        verdict: ``"proven"``: the motion is closed and nonsingular over the whole time asked for. ``"refuted"``: it
-            meets a singular configuration within that time, `witness` (Theorem X of
-            `ccpin/proof/theorems/crossing.md`; free motions only).
-            ``"undecided"``: it is enclosed up to ``times[-1]``, and what comes then is not known.
-        reason: The verdict in a sentence, with what stopped the enclosure and which argument to raise.
-        witness: The singular configuration met, where refuted.
+        stopped: What stopped the enclosure, and which argument to raise; nothing where nothing did.
         precision: Working precision in bits.
         loop: The programs that were integrated.
         steps: What was proven of each step, in balls.
         start: The exact closed start, in the numbers that hold q′ in `loop`'s programs, and q̇.
+        asked: Which motion, and how long.
+        motion: The fact that the steps enclose it (`ccpin.validated.flow.motion_claim`).
+        met: The fact that it is singular somewhere then (`ccpin.validated.flow.crossing_claim`), if it is.
+        assumes: What is left out of the mechanism, in words.
     """
 
     times: Array
@@ -83,13 +79,85 @@ class Enclosure(Judged):
     v_upper: Array
     determinant: Array
     left_open: Array
-    verdict: Verdict
-    reason: str
-    witness: Witness | None
+    stopped: str
     precision: int
     loop: ClosedLoop
     steps: tuple[ProvenStep, ...]
     start: tuple[Ball, ...]
+    asked: MotionAsked | None = None
+    motion: Fact | None = None
+    met: Fact | None = None
+    assumes: str = ""
+
+    @property
+    def verdict(self) -> Verdict:
+        """``"proven"``: the motion is closed and nonsingular over the whole time asked for, as a fact has it.
+
+        ``"refuted"``: it meets a singular configuration within that time, `witness`, as a fact has it (Theorem X of
+        `ccpin/proof/theorems/crossing.md`; free motions only). ``"undecided"``: it is enclosed up to ``times[-1]``, and
+        what comes then is not known; so it is of one that was pickled, until it is replayed.
+        """
+        if self._singular is not None:
+            return "refuted"
+        known = self._known
+        if known is None:
+            return "undecided"
+        assert self.asked is not None, "what is known was asked for"
+        return "proven" if known.found["times"][-1] >= self.asked.duration else "undecided"
+
+    @property
+    def reason(self) -> str:
+        """The verdict in a sentence."""
+        told, steps = f"closed and nonsingular for {self.times[-1]:.9g} s", f"{len(self.steps)} steps"
+        if self._singular is not None:
+            after, before = self._singular.found["time"]
+            reason = f"the motion is singular at a time between t = {after:.9g} s and {before:.9g} s"
+        elif self.verdict == "proven":
+            reason = f"{told}, in {steps}"
+        else:
+            stopped = self.stopped or "what was found is not proved of this motion, or was pickled and not replayed"
+            reason = (
+                f"rigour stops at t = {self.times[-1]:.9g} s after {steps}: {stopped}; more pieces=, a higher order= "
+                "or precision=, or a smaller shortest_step= may lead farther"
+            )
+        return reason + self.assumes
+
+    @property
+    def witness(self) -> Witness | None:
+        """The singular configuration met, where refuted."""
+        found = self._singular
+        return None if found is None else _witness_of(self.loop, found)
+
+    @property
+    def _known(self) -> Fact | None:
+        """The fact about the motion, if it is about the one asked for."""
+        if self.asked is None or self.motion is None or not self.asked.is_of(self.motion):
+            return None
+        told = (("times", self.times), ("determinant", self.determinant), ("left_open", self.left_open))
+        own = self.motion.digest == self.loop.equations.digest
+        own = own and tuple(step.fact for step in self.steps) == self.motion.premises[1:]
+        own = own and all(np.array_equal(self.motion.found[name], numbers) for name, numbers in told)
+        return self.motion if own else None
+
+    @property
+    def _singular(self) -> Fact | None:
+        """The fact that this motion meets a singularity."""
+        if self._known is None or type(self.met) is not Fact or type(self.met.claim) is not SingularMet:
+            return None
+        return self.met if self.met.premises[0] is self._known else None
+
+    def replay(self) -> Enclosure:
+        """The same, what was found proved once more from its data alone.
+
+        Raises:
+            NotProvedError: It does not hold.
+        """
+        if self.motion is None:
+            return self
+        met = None if self.met is None else self.met.replay()
+        motion = self.motion.replay() if met is None else met.premises[0]
+        assert self.asked is not None, "what has a fact was asked for"
+        return replace(told_of(self.loop, self.asked, motion, self.stopped, met), assumes=self.assumes)
 
     @property
     def smallest_determinant(self) -> float:
@@ -142,102 +210,60 @@ class Enclosure(Judged):
     def energy(self, t: float) -> Ball:
         """Kinetic and potential energy at a time, in joules, as a ball."""
         with flint().ctx.workprec(self.precision):
-            kinetic, potential = values(self.loop.energies, self.inputs(t))
+            kinetic, potential = values(self.loop.equations.energies, self.inputs(t))
             return kinetic + potential
 
 
-def enclose(
-    model: ReducedModel | Mechanism,
-    law: ControlLaw | None,
-    q0: ArrayLike,
-    v0: ArrayLike | None,
-    duration: float,
-    *,
-    near: ArrayLike | None = None,
-    precision: int = 128,
-    order: int = 30,
-    tolerance: float = 1e-18,
-    pieces: int = 16,
-    shortest_step: float = SHORTEST_STEP,
-    longest_step: float = np.inf,
-) -> Enclosure:
-    """Enclose the closed loop's exact trajectory, or say where the proof stops.
+def proved_motion(
+    loop: ClosedLoopEquations, start: Fact, steps: Sequence[ProvenStep], sampled: Sequence[int], precision: int
+) -> tuple[Fact, str]:
+    """The fact about a motion in some steps, of which those numbered begin with a sample; and what was refused.
 
-    Args:
-        model: The reduced model (or a mechanism).
-        law: `PDSimpleGravity`, `PDFullGravity`, `NoTorque` or ``None`` for no torque.
-        q0: Start, of shape (model.nq,): the exact doubles.
-        v0: Velocity at the start, of shape (n,), exact; default at rest.
-        duration: Time in seconds (rounded up to a multiple of 2⁻⁴⁰ s).
-        near: Chooses the branch of σ(q0); default the mechanism's reference.
-        precision: Working precision in bits.
-        order: Order N of the Taylor steps.
-        tolerance: Remainder allowed to one step, in rad, m and per second; keep it well above 2^−precision.
-        pieces: Boxes per step. More are slower and let errors grow less.
-        shortest_step: Where no step of this length (s) can be proven the enclosure stops.
-        longest_step: Longest step in seconds.
-
-    Raises:
-        CcpinError: python-flint is not installed.
-        InvalidInputError: A bad argument.
-        UnsupportedMechanismError: A mechanism or law outside the scope.
-        ConvergenceError: The exact closed start is not proven to exist.
+    What is refused leaves the start alone.
     """
-    model = model_of(model)
-    options = StepOptions(order, tolerance, pieces, shortest_step, longest_step)
-    task = task_of(model, law, q0, near, duration, options, precision)
+    before, bits = np.isin(np.arange(len(steps)), sampled), np.array([precision])
+    facts = [step.fact for step in steps if step.fact is not None]
+    try:
+        return prove(MotionEnclosed(loop, before, bits), start, *facts), ""
+    except NotProvedError as refused:
+        return prove(MotionEnclosed(loop, before[:0], bits), start), str(refused)
+
+
+def told_of(loop: ClosedLoop, asked: MotionAsked, motion: Fact, stopped: str, met: Fact | None = None) -> Enclosure:
+    """What facts say of a motion; `stopped`: why it ends early, if it does."""
+    start, *steps = motion.premises
+    precision = int(motion.claim.precision[0])
     with flint().ctx.workprec(precision):
-        loop, start = task.loop, task.start(q0, v0)
-        steps, reason = [], ""
-        for step in march(regular(loop), start, duration, options):
-            if not isinstance(step, ProvenStep):
-                reason = step.reason
-                break
-            steps.append(step)
-        met = None
-        if reason and steps and idle(law):
-            since = sum(step.length for step in steps)
-            met = find_crossing(model, loop, start_box(steps[-1].end), since, duration - since, options)
-        found = collect(loop, start, steps, reason, precision, met)
-    return replace(found, reason=found.reason + without_dry_friction(model.mechanism))
+        told = [step_of(step) for step in steps]
+        found = collect(loop, state_of(start).balls(), told, motion.found["left_open"], stopped, precision)
+    return replace(found, times=motion.found["times"], asked=asked, motion=motion, met=met)
 
 
 def collect(
     loop: ClosedLoop,
     start: Sequence[Ball],
     steps: Sequence[ProvenStep],
-    reason: str,
+    left_open: Sequence[float] | Array,
+    stopped: str,
     precision: int,
-    met: Crossing | None = None,
 ) -> Enclosure:
-    """The enclosure that proven steps make; `reason` says why it ended early, if it did, `met` what it then met."""
-    nodes = [_bounds(loop, start_box(s)) for s in (start_of(start), *(step.end for step in steps))]
+    """What steps say, in doubles rounded outwards; of facts: `told_of`."""
+    nodes = [_bounds(loop, start), *(_bounds(loop, start_box(step.end)) for step in steps)]
     columns: StateBox = StateBox(*(frozen(column) for column in zip(*nodes, strict=True)))
     during = [bounds(hull([_told(loop, box) for box in step.boxes])) for step in steps]
     split = columns.q_free.shape[1]
     size = split + columns.v.shape[1]
     below, above = np.moveaxis(np.reshape(during, (len(steps), 2, size)), 1, 0)
-    times = np.concatenate([[0.0], np.cumsum([step.length for step in steps])])
-    told = f"closed and nonsingular for {times[-1]:.9g} s, in {len(steps)} steps"
-    if met is not None:
-        told = f"the motion is singular at a time between t = {met.after:.9g} s and {met.before:.9g} s"
-    elif reason:
-        told = (
-            f"rigour stops at t = {times[-1]:.9g} s after {len(steps)} steps: {reason}; more pieces=, a higher order= "
-            "or precision=, or a smaller shortest_step= may lead farther"
-        )
     return Enclosure(
         **columns._asdict(),
-        times=frozen(times),
+        times=frozen(np.concatenate([[0.0], np.cumsum([step.length for step in steps])])),
         q_free_lower=frozen(below[:, :split]),
         q_free_upper=frozen(above[:, :split]),
         v_lower=frozen(below[:, split:]),
         v_upper=frozen(above[:, split:]),
         determinant=frozen([step.quantity for step in steps]),
-        left_open=frozen([left_open(loop, step) for step in steps]),
-        verdict="refuted" if met else "undecided" if reason else "proven",
-        reason=told,
-        witness=met.witness if met else None,
+        left_open=frozen(left_open),
+        stopped=stopped,
         precision=precision,
         loop=loop,
         steps=tuple(steps),
@@ -245,23 +271,15 @@ def collect(
     )
 
 
-def left_open(loop: ClosedLoop, step: ProvenStep) -> float:
-    """An upper bound of |φ_i| along a step for the rows of φ left out as redundant; 0 where there are none.
-
-    φ_i(x(t)) is φ_i(p(t)), whose Taylor series `defect` bounds, and at most |∂φ_i/∂x| times the error off that.
-    """
-    if loop.left_out is None:
-        return 0.0
-    length = ball(step.length)
-    along = sizes_along(loop.left_out, step.polynomial, length)
-    slopes = gradients(loop.left_out, hull(step.boxes))
-    off = (sum((magnitude(a) * e for a, e in zip(row, step.error, strict=True)), ball(0)) for row in slopes)
-    return max(upper(size + change) for size, change in zip(along, off, strict=True))
+def _witness_of(loop: ClosedLoop, met: Fact) -> Witness:
+    state = ExactBox(met.found["state"], met.found["state_radius"])
+    with flint().ctx.workprec(int(met.claim.precision[0])):
+        return witness_of("singular", loop, state.balls())
 
 
 def _told(loop: ClosedLoop, box: Sequence[Ball]) -> list[Ball]:
     """A box of (x, q̇, …) as one of (q′, q̇, …)."""
-    return [*configuration(loop.joints, box), *box[loop.n_x :]]
+    return [*configuration(loop.joints, box), *box[loop.equations.n_x :]]
 
 
 def _bounds(loop: ClosedLoop, box: Sequence[Ball]) -> StateBox:

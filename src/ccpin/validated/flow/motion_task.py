@@ -12,11 +12,38 @@ from ccpin.arrays import Array, numbers, positive, step_or_infinite, vector, who
 from ccpin.control.control_law import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
+from ccpin.proof.facts import Fact
 from ccpin.validated.arithmetic.balls import Ball, ball, flint
-from ccpin.validated.flow.closing import closed_start
-from ccpin.validated.flow.step import QUANTUM, StepOptions
+from ccpin.validated.arithmetic.exact_numbers import ExactBox, boxed
+from ccpin.validated.flow.marching import QUANTUM, StepOptions
+from ccpin.validated.flow.motion_claim import MotionEnclosed
+from ccpin.validated.flow.start_search import proved_start
 from ccpin.validated.model.closed_loop import ClosedLoop, recorded_loop
 from ccpin.validated.model.recorded_coordinates import on_manifold, unwound
+
+
+class MotionAsked(NamedTuple):
+    """The motion that an enclosure is asked for.
+
+    Attributes:
+        q, v: Its start: a box of q and the doubles of q̇.
+        x: The computed x of its branch.
+        duration: In seconds.
+    """
+
+    q: ExactBox
+    v: Array
+    x: Array
+    duration: float
+
+    def is_of(self, motion: Fact | None) -> bool:
+        """Whether a fact is about a motion from this start."""
+        if type(motion) is not Fact or type(motion.claim) is not MotionEnclosed:
+            return False
+        start = motion.premises[0].claim
+        near = self.x[list(start.equations.dependent)]
+        known, own = (start.q, start.q_radius, start.near, start.v), (*self.q, near, self.v)
+        return all(np.array_equal(*pair) for pair in zip(known, own, strict=True))
 
 
 class MotionTask(NamedTuple):
@@ -38,14 +65,22 @@ class MotionTask(NamedTuple):
     options: StepOptions
     precision: int
 
-    def start(self, q0: ArrayLike, v0: ArrayLike | None) -> list[Ball]:
-        """The exact closed start (x, q̇) of doubles as balls."""
-        return self.closed(q0, exact_q(self.model, self.loop, numbers(q0, "q0")), velocity(self.model, v0))
+    def from_doubles(self, q0: ArrayLike, v0: ArrayLike | None) -> MotionAsked:
+        """The motion from the closed configuration of doubles."""
+        return self.asked(q0, exact_q(self.model, self.loop, numbers(q0, "q0")), velocity(self.model, v0))
 
-    def closed(self, about: ArrayLike, q: Sequence[Ball], v: Array) -> list[Ball]:
-        """(x, q̇) of exact numbers q at `loop.independent` and v, on the branch of σ at the doubles `about`, about q."""
-        x = closed_start(self.loop, q, self.loop.numbers(self.model.at(about, self.near).q_free))
-        return [*x, *(ball(y) for y in v.tolist())]
+    def asked(self, about: ArrayLike, q: Sequence[Ball], v: Array) -> MotionAsked:
+        """That from numbers q at `independent` and v, on the branch of σ at the doubles `about`, which are about q."""
+        x = self.loop.numbers(self.model.at(about, self.near).q_free)
+        return MotionAsked(boxed(q, self.precision), v, x, self.duration)
+
+    def start(self, asked: MotionAsked) -> Fact:
+        """The fact about the exact closed start.
+
+        Raises:
+            ConvergenceError: It is not proven.
+        """
+        return proved_start(self.loop.equations, asked.q, asked.x, asked.v, self.precision)
 
 
 def task_of(
@@ -99,7 +134,7 @@ def exact_q(model: ReducedModel, loop: ClosedLoop, q: Array) -> list[Ball]:
         if part.whole is not None:
             held = on_manifold(part.kind, held)
         if part.kind.unit == 2 and not part.slides[-1]:
-            near = loop.near[loop.independent[len(found) + len(held) - 1]]
+            near = loop.near[loop.equations.independent[len(found) + len(held) - 1]]
             held[-1] = unwound(held[-1], float(near))
         found += held
     return found

@@ -1,4 +1,4 @@
-"""One validated step of x′ = f(x) from a box of starts, and the march from step to step.
+"""One validated step of x′ = f(x) from a box of starts.
 
 A step is Theorem V of `ccpin/proof/theorems/step.md`, whose names c, r, p, d, B_k, M_k and e_k are used here. Every
 quantity is computed in balls; f is analytic on B_k if each matrix that f inverts is proven invertible on B_k.
@@ -7,19 +7,17 @@ quantity is computed in balls; f is analytic on B_k if each matrix that f invert
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+from ccpin.proof.facts import Fact
 from ccpin.validated.arithmetic.balls import Ball, around, ball, finite, flint, magnitude, upper
+from ccpin.validated.arithmetic.programs import Program
 from ccpin.validated.arithmetic.series import NotInvertibleError, all_series, gradients
-from ccpin.validated.arithmetic.tape import Program
 from ccpin.validated.flow.defect import defect_along
 
-QUANTUM = 2.0**-40  # steps are multiples, so that times are exact doubles
-SHORTEST_STEP = 2.0**-20  # s: where no longer step is proved, the march ends
 _BOX_PRECISION = 64  # bits; enough for boxes as wide as a step
-_GROWTH = 1e3  # of the enclosure's width, in one step: more is refused
-_SINGULAR = "ψ_q′, D or (of motors elsewhere than on the independent joints) ρᵀSᵀ is not proven nonsingular"
+SINGULAR = "ψ_q′, D or (of motors elsewhere than on the independent joints) ρᵀSᵀ is not proven nonsingular"
 
 Quantity = Callable[[list[Ball]], float]
 
@@ -42,6 +40,7 @@ class ProvenStep(NamedTuple):
         boxes: A box around all solutions for each piece of [0, h].
         quantity: The smallest lower bound of the quantity watched on those boxes.
         end: The box of states at h.
+        fact: That all this is proved of a closed loop (`ccpin.validated.flow.step_claim`), where that was asked.
     """
 
     length: float
@@ -51,33 +50,11 @@ class ProvenStep(NamedTuple):
     boxes: list[list[Ball]]
     quantity: float
     end: Start
+    fact: Fact | None = None
 
     def box(self, t: Ball) -> list[Ball]:
         """A box around the solutions at times (balls) since the step began."""
         return [around(x, e) for x, e in zip(evaluate(self.polynomial, t), self.error, strict=True)]
-
-
-class StepOptions(NamedTuple):
-    """How to step.
-
-    Attributes:
-        order: N.
-        tolerance: Bound of h d asked of a step, in rad, m and per second.
-        pieces: K; more pieces are slower and let errors and spreads grow less.
-        shortest, longest: Bounds of h in seconds (the last step may be shorter).
-    """
-
-    order: int
-    tolerance: float
-    pieces: int
-    shortest: float = SHORTEST_STEP
-    longest: float = math.inf
-
-
-class Stuck(NamedTuple):
-    """No step of the shortest length could be proven; `reason` says what failed in the last attempt."""
-
-    reason: str
 
 
 class WatchedField(NamedTuple):
@@ -92,6 +69,18 @@ class WatchedField(NamedTuple):
     program: Program
     quantity: Quantity
     missing: Callable[[Sequence[Ball]], str] = lambda _: ""
+
+    def series(self, start: Start, order: int) -> Sequence[Any]:
+        """Every value's Taylor coefficients from a start's centre.
+
+        Raises:
+            NotInvertibleError: A matrix that f inverts may be singular there.
+        """
+        return all_series(self.program, start.centre, order)
+
+    def attempt(self, start: Start, series: Sequence[Any], length: float, pieces: int) -> ProvenStep | str:
+        """`attempt`."""
+        return attempt(self, start, series, length, pieces)
 
 
 class _RefusedError(Exception):
@@ -150,7 +139,7 @@ def attempt(field: WatchedField, start: Start, series: Sequence[Any], length: fl
             boxes.append(tube)
             quantity = min(quantity, watched)
     except NotInvertibleError:
-        return _SINGULAR + " on the box that a step needs"
+        return SINGULAR + " on the box that a step needs"
     except _RefusedError as refusal:
         return str(refusal)
     remainder = max(upper(d * length) for d in gap)
@@ -197,66 +186,3 @@ def _exponential(slopes: list[list[Ball]], time: Ball, keep_negative: bool) -> A
 
 def _grown(matrix: Any, vector: list[Ball]) -> list[Ball]:
     return [magnitude(x) for x in (matrix * flint().arb_mat([[x] for x in vector])).entries()]
-
-
-def march(
-    field: WatchedField, box: Sequence[Ball], duration: float, options: StepOptions
-) -> Iterator[ProvenStep | Stuck]:
-    """Steps from a box over a time, as long as their remainders allow; a `Stuck` ends it early."""
-    start, time, boldness = start_of(box), 0.0, 0.6
-    end = math.ceil(duration / QUANTUM) * QUANTUM
-    while time < end:
-        try:
-            series = all_series(field.program, start.centre, options.order)
-        except NotInvertibleError:
-            yield Stuck(_SINGULAR + " at the state reached")
-            return
-        affordable = _affordable(series[: field.program.inputs], options)
-        here = options._replace(shortest=min(options.shortest, end - time), longest=min(options.longest, end - time))
-        step = _longest(field, start, series, boldness * affordable, here)
-        if isinstance(step, str):
-            yield Stuck(step)
-            return
-        ratio = step.length / affordable
-        boldness = min(1.0, 1.3 * ratio, 0.95 * ratio * _correction(step.remainder, options))
-        time += step.length
-        start = step.end
-        yield step
-
-
-def _longest(
-    field: WatchedField, start: Start, series: Sequence[Any], length: float, options: StepOptions
-) -> ProvenStep | str:
-    """The first step proven of lengths that shrink, or what failed last."""
-    failed = "the Taylor coefficients grow too fast for the shortest step"
-    length = min(length, options.longest)
-    while True:
-        length = math.floor(length / QUANTUM) * QUANTUM
-        if length < options.shortest:
-            return failed
-        step = attempt(field, start, series, length, options.pieces)
-        if isinstance(step, str):
-            failed, length = step, 0.5 * length
-        elif step.remainder > 2 * options.tolerance:
-            failed, length = "the remainder is above the tolerance", 0.9 * length * _correction(step.remainder, options)
-        elif _blown_up(start, step, options):
-            failed, length = "the enclosure grows too fast", 0.5 * length
-        else:
-            return step
-
-
-def _blown_up(start: Start, step: ProvenStep, options: StepOptions) -> bool:
-    """Whether a step widens the enclosure by more than wide boxes' slopes should be allowed to."""
-    before, after = max(map(upper, start.radius)), max(map(upper, step.end.radius))
-    return after > _GROWTH * (before + 2 * options.tolerance)
-
-
-def _correction(remainder: float, options: StepOptions) -> float:
-    """By how much the length may change for a remainder of order N to become the tolerance."""
-    return float((options.tolerance / max(remainder, 1e-300)) ** (1 / options.order))
-
-
-def _affordable(polynomial: Sequence[Sequence[Ball]], options: StepOptions) -> float:
-    """The step whose last term is the tolerance."""
-    largest = max(upper(magnitude(coefficients[options.order])) for coefficients in polynomial)
-    return _correction(largest, options) if math.isfinite(largest) else 0.0

@@ -18,8 +18,9 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.kinematics.coordinates import IndependentCoordinates
-from ccpin.validated.arithmetic.balls import Ball, ball, flint, rational
+from ccpin.validated.arithmetic.balls import Ball, ball, rational
 from ccpin.validated.arithmetic.tape import Expression, Tape
+from ccpin.validated.loop_equations import Upright
 from ccpin.validated.model.recorded_tree import ExactJoint, Table
 
 
@@ -40,6 +41,11 @@ class BallTurn(NamedTuple):
         rows = (s, c, -b, -a), (-c, s, a, -b), (b, -a, s, -c), (a, b, c, s)
         *vector, cosine = (sum(k * e for k, e in zip(row, p, strict=True)) for row in rows)
         return np.array(vector, dtype=object), cosine
+
+    @property
+    def upright(self) -> Upright:
+        """That it is less than half a turn, which the programs rest on."""
+        return Upright(self.joint.x.stop - 4, self.reference)
 
 
 class BallAngle(NamedTuple):
@@ -91,9 +97,3 @@ def turn_rates(tape: Tape, turns: Sequence[BallAngle], x: Table, n_free: int) ->
         stop = turn.ball.joint.v.stop
         row[stop - 3 : stop] = ((along + across) * gain - vector * (vector[k] * tape.gain(cosine, 1))) * half
     return table
-
-
-def upright(turned: BallTurn, box: Sequence[Ball]) -> bool:
-    """Whether w > 0 on a box of numbers: less than half a turn from the reference."""
-    p = box[turned.joint.x.stop - 4 : turned.joint.x.stop]
-    return bool(sum((a * b for a, b in zip(turned.reference, p, strict=True)), flint().arb(0)) > 0)

@@ -18,18 +18,17 @@ import numpy as np
 from scipy.linalg import qr
 
 from ccpin.arrays import Array
-from ccpin.control.control_law import ControlLaw, stated
+from ccpin.control.control_law import ControlLaw, idle, stated
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.kinematics.tree import Tree
-from ccpin.proof.digests import Part, require_same
-from ccpin.validated.arithmetic.balls import Ball, ball, flint, rational
-from ccpin.validated.arithmetic.tape import Expression, Program, Tape
-from ccpin.validated.model.ball_joints import BallAngle, BallTurn, ball_at, turn_rates, turn_rows, turns_of, upright
+from ccpin.proof.digests import Part, digest, require_same
+from ccpin.validated.arithmetic.balls import rational
+from ccpin.validated.arithmetic.tape import Expression, Tape
+from ccpin.validated.loop_equations import ClosedLoopEquations
+from ccpin.validated.model.ball_joints import BallAngle, BallTurn, ball_at, turn_rates, turn_rows, turns_of
 from ccpin.validated.model.recorded_coordinates import layout_of, numbers_of
 from ccpin.validated.model.recorded_forces import closure_terms, dynamic_terms, with_springs
 from ccpin.validated.model.recorded_laws import (
-    HALF_A_TURN,
-    Wrapped,
     efforts,
     gains_of,
     law_terms,
@@ -40,57 +39,25 @@ from ccpin.validated.model.recorded_tree import ExactJoint, Table, closure_rows,
 
 
 class ClosedLoop(NamedTuple):
-    """A mechanism under a law as programs over (x, q̇).
+    """A mechanism under a law, recorded.
 
     Attributes:
-        n_x, n: Sizes of x and q̇.
+        equations: The programs over (x, q̇).
         joints: The joints, with their places in x.
         near: The numbers that angles on circles are counted from, of shape (n_x,).
-        independent: Places of q in x.
-        dependent: The other places, in order: y.
-        scalar: Whether q̇ is the rate of the numbers at `independent`, one each.
-        wrapped: Angles of q that the law reads on circles.
+        scalar: Whether q̇ is the rate of the numbers at `equations.independent`, one each.
         turns: Single turns of balls among q; their numbers come after the joints'.
-        upright: Balls whose rotation vectors enter, as coordinates or by springs: less than half a turn.
-        field: f, of n_x + n outputs.
-        closure: φ(x), |p|² − 1 for the quaternions in y and what holds `turns`: as many outputs as y has numbers.
-        jacobian: A square matrix, row-major, whose determinant is ± that of ψ_q′.
-        left_out: The redundant rows of φ, or ``None``.
-        drift: (ẋ, 0): the mechanism moved with q̇ constant.
-        energies: Kinetic energy and potential energy, in joules.
-        lyapunov: 𝒱 + V(q_d) of Theorem 3 for PD with simple gravity compensation, else ``None``.
-        efforts: u(q′, q̇) of a law that is sampled and held, else ``None``. The state is then (x, q̇, u) with u′ = 0,
-            and `field` and `drift` have as many outputs.
-        gains: ∂u/∂(q, q̇) of that law, of shape (n, 2n), where the motors sit on the independent joints.
     """
 
-    n_x: int
-    n: int
+    equations: ClosedLoopEquations
     joints: tuple[ExactJoint, ...]
     near: Array
-    independent: tuple[int, ...]
-    dependent: tuple[int, ...]
     scalar: bool
-    wrapped: tuple[Wrapped, ...]
     turns: tuple[BallAngle, ...]
-    upright: tuple[BallTurn, ...]
-    field: Program
-    closure: Program
-    jacobian: Program
-    left_out: Program | None
-    drift: Program
-    energies: Program
-    lyapunov: Program | None
-    efforts: Program | None = None
-    gains: Array | None = None
 
     def numbers(self, q_free: Array) -> Array:
         """The numbers x of a configuration of shape (nq,), rounded; angles within half a turn of those `near`."""
         return numbers_of(self.joints, q_free, self.near, self.turns)
-
-    def at_rest(self, box: Sequence[Ball]) -> list[Ball]:
-        """The configurations of a box of states, or of configurations, at rest: inputs of the programs."""
-        return [*box[: self.n_x], *[ball(0)] * (self.field.inputs - self.n_x)]
 
 
 def recorded_loop(
@@ -142,33 +109,34 @@ def recorded_loop(
     acceleration = tape.solve(terms.mass, (force - terms.bias)[:, None])[:, 0]
     still = [0] * len(u)
     dependent = tuple(k for k in range(n_x) if k not in q.places)
-    return ClosedLoop(
+    balls = (*(turn.ball for turn in turns), *(each for each in sprung if isinstance(each, BallTurn)))
+    equations = ClosedLoopEquations(
         n_x,
         n,
-        joints,
-        about,
         q.places,
-        dependent,
-        q.scalar,
-        does.wrapped,
-        turns,
-        (*(turn.ball for turn in turns), *(each for each in sprung if isinstance(each, BallTurn))),
         field=tape.program([*motion.x_rate, *acceleration, *still], () if held else wanted),
         closure=tape.program([*phi, *_unit_lengths(joints, x, dependent), *turn_rows(tape, turns, x)]),
         jacobian=tape.program(motion.jacobian.ravel()),
-        left_out=tape.program([rows[k] for k in others]) if others else None,
         drift=tape.program([*motion.x_rate, *[0] * n, *still]),
         energies=tape.program([terms.kinetic, terms.potential]),
+        left_out=tape.program([rows[k] for k in others]) if others else None,
         lyapunov=None if does.lyapunov is None else tape.program([does.lyapunov]),
         efforts=tape.program(list(wanted)) if held else None,
         gains=gains_of(law) if across is None and held else None,
+        wrapped=does.wrapped,
+        upright=tuple(ball.upright for ball in balls),
+        free=_freely_moved(model) if idle(law) and not turns and not others else "",
     )
+    return ClosedLoop(equations, joints, about, q.scalar, turns)
 
 
-def too_far_turned(loop: ClosedLoop, box: Sequence[Ball]) -> str:
-    """What is not proven of the angles that the programs count within half a turn, on a box of states, or nothing."""
-    near = (abs(angle.target - box[angle.place]) < flint().arb.pi() for angle in loop.wrapped)
-    return "" if all(near) and all(upright(turned, box) for turned in loop.upright) else HALF_A_TURN
+def _freely_moved(model: ReducedModel) -> str:
+    """Of which mechanism a motion without torque is: a digest of all but its coordinates and motors."""
+    mechanism = model.mechanism
+    masses = [(body.mass, body.lever, body.inertia) for body in mechanism.tree.model.inertias]
+    moved = {name: getattr(mechanism.joints, name) for name in ("damping", "stiffness", "spring_reference", "armature")}
+    closures = (*mechanism.closures, *mechanism.locks), mechanism.couplings
+    return digest((mechanism.tree, closures, masses, moved, model.gravity_vector))
 
 
 def _independent_rows(model: ReducedModel, near: Array) -> tuple[list[int], list[int]]:

@@ -11,27 +11,12 @@ from ccpin.control.control_law import ControlLaw, stated
 from ccpin.control.statements import Statement
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.validated.arithmetic.balls import Ball, ball, flint
+from ccpin.validated.arithmetic.balls import ball, flint
 from ccpin.validated.arithmetic.tape import Expression, Tape
+from ccpin.validated.loop_equations import Wrapped
 from ccpin.validated.model.recorded_coordinates import StateLayout, unwound
 from ccpin.validated.model.recorded_forces import DynamicTerms
 from ccpin.validated.model.recorded_tree import Table, exact
-
-HALF_A_TURN = (
-    "an angle on a circle, or a ball's turn, is not proven less than half a turn from where it is counted from"
-)
-
-
-class Wrapped(NamedTuple):
-    """An angle of q that a law reads on a circle: it is as recorded while less than half a turn from q_d's.
-
-    Attributes:
-        place: Where it stands in x.
-        target: q_d's angle.
-    """
-
-    place: int
-    target: Ball
 
 
 class LawTerms(NamedTuple):

@@ -16,10 +16,12 @@ from ccpin.errors import InvalidInputError
 from ccpin.validated.arithmetic.ball_arrays import exactly, hull, raised
 from ccpin.validated.arithmetic.balls import Ball, ball, upper
 from ccpin.validated.arithmetic.series import NotInvertibleError, values
-from ccpin.validated.flow.closing import closed_start, unique_there
+from ccpin.validated.flow.marching import StepOptions, march
 from ccpin.validated.flow.motion_task import exact_q
 from ccpin.validated.flow.regularity import determinant_bound, regular
-from ccpin.validated.flow.step import ProvenStep, StepOptions, WatchedField, march, start_box
+from ccpin.validated.flow.start_search import closed_start, unique_there
+from ccpin.validated.flow.step import ProvenStep, WatchedField, start_box
+from ccpin.validated.loop_equations import ClosedLoopEquations
 from ccpin.validated.model.closed_loop import ClosedLoop
 from ccpin.validated.sets.branch import jets_of, states_of
 from ccpin.validated.sets.curvature import UnboundedError, boxes
@@ -41,33 +43,34 @@ class Goal(NamedTuple):
 
 def unconnected(loop: ClosedLoop, end: Sequence[Ball], goal: Goal, options: StepOptions) -> str:
     """Theorem A's 3 and 4 for a box of states: what could not be proven, or nothing."""
-    q_free = list(end[: loop.n_x])
+    own = loop.equations
+    q_free = list(end[: own.n_x])
     q_d = exact_q(goal.law.model, loop, goal.law.q_d)
-    line = [(there - q_free[k].mid()).mid() for there, k in zip(q_d, loop.independent, strict=True)]
+    line = [(there - q_free[k].mid()).mid() for there, k in zip(q_d, own.independent, strict=True)]
 
     def room(box: list[Ball]) -> float:
         """Positive where ψ_q′ is nonsingular and U below the level."""
-        regularity = determinant_bound(loop, box)
-        room_left = goal.level - upper(lyapunov(loop, goal, loop.at_rest(box)))
+        regularity = determinant_bound(own, box)
+        room_left = goal.level - upper(lyapunov(own, goal, own.at_rest(box)))
         return min(regularity, room_left) if regularity > 0 and room_left > 0 else 0.0
 
     here = [*q_free, *line]
     for step in march(
-        WatchedField(loop.drift, room, regular(loop).missing), here, 1.0, options._replace(shortest=2.0**-12)
+        WatchedField(own.drift, room, regular(own).missing), here, 1.0, options._replace(shortest=2.0**-12)
     ):
         if not isinstance(step, ProvenStep):
             return "the line from the state reached to the set point is not proven to stay below the level"
         here = start_box(step.end)
-    joint = [a.union(here[k]) for a, k in zip(q_d, loop.independent, strict=True)]
-    if not unique_there(loop, joint, here, goal.x):
+    joint = [a.union(here[k]) for a, k in zip(q_d, own.independent, strict=True)]
+    if not unique_there(own, joint, here, goal.x):
         return "the state reached is not proven to be on the set point's branch of σ"
-    around_goal = closed_start(loop, joint, goal.x)
-    if upper(lyapunov(loop, goal, loop.at_rest(around_goal))) < goal.level:
+    around_goal = closed_start(own, joint, goal.x)
+    if upper(lyapunov(own, goal, own.at_rest(around_goal))) < goal.level:
         return ""
     return "𝒱 is not proven to be below the level next to the set point"
 
 
-def lyapunov(loop: ClosedLoop, goal: Goal, box: Sequence[Ball]) -> Ball:
+def lyapunov(loop: ClosedLoopEquations, goal: Goal, box: Sequence[Ball]) -> Ball:
     """𝒱 on a box of states."""
     if loop.lyapunov is None:
         raise InvalidInputError("the law has no Lyapunov function")
@@ -84,20 +87,21 @@ def single_valued(loop: ClosedLoop, law: PDSimpleGravity) -> bool:
     sprung = (joint for joint in loop.joints if stated[joint.number - 1].stated.stiffness)
     for joint in sprung:
         turns = "r" in {step[0] for step in joint.kind.steps}
-        if turns and (joint.kind.unit or joint.x.start not in loop.independent):
+        if turns and (joint.kind.unit or joint.x.start not in loop.equations.independent):
             return False
     smooth = True
-    for angle in loop.wrapped:
-        j = loop.independent.index(angle.place)
+    for angle in loop.equations.wrapped:
+        j = loop.equations.independent.index(angle.place)
         smooth &= bool(law.gravity_d[j] == 0.0 and not np.delete(law.K_p[j], j).any())
-    return smooth and not loop.upright
+    return smooth and not loop.equations.upright
 
 
 def goal_of(loop: ClosedLoop, law: PDSimpleGravity, level: float) -> Goal:
     """The set point of a law with a level in joules, in balls; the level is lowered as the theorem's text says."""
     x = loop.numbers(law.q_free_d)
-    start = closed_start(loop, exact_q(law.model, loop, law.q_d), x)
-    potential = values(loop.energies, loop.at_rest(start))[1]
+    own = loop.equations
+    start = closed_start(own, exact_q(law.model, loop, law.q_d), x)
+    potential = values(own.energies, own.at_rest(start))[1]
     told = law.model.energy(law.q_d, np.zeros(law.model.n), law.q_free_d).potential
     return Goal(level * (1 - _MARGIN) - upper(abs(potential - ball(told))), potential, law, x)
 
@@ -117,7 +121,7 @@ class SetArrival:
     def __call__(self, piece: TimeSlice) -> str:
         """What is missing at the middle of a slice; nothing where all its states are in B₂."""
         centre = piece.instant.middle.at(0).balls()
-        if not upper(lyapunov(self._loop, self.goal, centre)) < self._ask_below:
+        if not upper(lyapunov(self._loop.equations, self.goal, centre)) < self._ask_below:
             return TOO_EARLY
         highest = self._highest(piece)
         if not highest < self.goal.level:
@@ -131,7 +135,7 @@ class SetArrival:
 
     def _highest(self, piece: TimeSlice) -> float:
         """An upper bound of 𝒱 on a cross-section: 𝒱(ξ̄) + |∇𝒱 A||z| + ½ |A ᵀ𝒱″A||z||z|, 𝒱″ over a box about it."""
-        loop, program = self._loop, self._loop.lyapunov
+        loop, program = self._loop.equations, self._loop.equations.lyapunov
         assert program is not None, "laws with a set point have a Lyapunov function"
         try:
             around = boxes(loop, piece.instant, piece.reach[None], self._cells)

@@ -14,9 +14,9 @@ import numpy as np
 from ccpin.arrays import Array, Mask
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, inverse, raised, stacked, zeros
 from ccpin.validated.arithmetic.jets import Jet, jets_over, narrowed
+from ccpin.validated.arithmetic.programs import Program
 from ccpin.validated.arithmetic.series import NotInvertibleError
-from ccpin.validated.arithmetic.tape import Program
-from ccpin.validated.model.closed_loop import ClosedLoop
+from ccpin.validated.loop_equations import ClosedLoopEquations
 
 _ROUNDS = 12  # boxes tried, each a little larger than the last one's image
 _NEWTON_STEPS = 3  # from nearly closed configurations: quadratic, and not a proof
@@ -39,7 +39,9 @@ class Jets(NamedTuple):
     bend: BallArray
 
 
-def closed_boxes(loop: ClosedLoop, centre: Array, reach: Array, least: Array | None = None) -> tuple[BallArray, Mask]:
+def closed_boxes(
+    loop: ClosedLoopEquations, centre: Array, reach: Array, least: Array | None = None
+) -> tuple[BallArray, Mask]:
     """Boxes Q × Y of Theorem P, and for which of them its inequality (`image` within the radius) is proven.
 
     Args:
@@ -75,7 +77,7 @@ def closed_boxes(loop: ClosedLoop, centre: Array, reach: Array, least: Array | N
     return BallArray(centre, radius), np.asarray(held)
 
 
-def nearly_closed(loop: ClosedLoop, centre: Array, offset: Array) -> Array:
+def nearly_closed(loop: ClosedLoopEquations, centre: Array, offset: Array) -> Array:
     """Configurations (B, n′) near σ at q + offset (B, n), from nearly closed ones by Newton's method; not a proof."""
     theta, dependent = centre.copy(), list(loop.dependent)
     if dependent:
@@ -89,7 +91,7 @@ def nearly_closed(loop: ClosedLoop, centre: Array, offset: Array) -> Array:
     return theta
 
 
-def _closure(loop: ClosedLoop, q_free: BallArray) -> tuple[BallArray, BallArray]:
+def _closure(loop: ClosedLoopEquations, q_free: BallArray) -> tuple[BallArray, BallArray]:
     """φ and φ_q′ over boxes, of shapes (B, m) and (B, m, n′)."""
     unit = exactly(np.broadcast_to(np.eye(loop.n_x), (len(q_free.mid), loop.n_x, loop.n_x)))
     found = jets_over(loop.closure, _inputs(loop, q_free, [unit]), order=1)
@@ -113,7 +115,9 @@ class ClosedStates(NamedTuple):
     reach: Array | None
 
 
-def states_of(loop: ClosedLoop, q_free: BallArray, rest: BallArray, reach: Array | None = None) -> ClosedStates:
+def states_of(
+    loop: ClosedLoopEquations, q_free: BallArray, rest: BallArray, reach: Array | None = None
+) -> ClosedStates:
     """σ and its derivatives over closed boxes, narrowed by those at their centres where there are some.
 
     Args:
@@ -162,7 +166,7 @@ def _write(whole: BallArray, rows: list[int], part: BallArray) -> None:
         numbers[:, rows] = found.reshape(len(found), len(rows), *numbers.shape[2:])
 
 
-def jets_of(states: ClosedStates, loop: ClosedLoop, program: Program) -> Jets:
+def jets_of(states: ClosedStates, loop: ClosedLoopEquations, program: Program) -> Jets:
     """A program's jets over the boxes along s = (q, the rest of its inputs).
 
     Raises:
@@ -186,7 +190,7 @@ def jets_of(states: ClosedStates, loop: ClosedLoop, program: Program) -> Jets:
     return Jets(*(x.at(over) for x in _gathered(jets_over(program, inputs, order, states.reach), d)))
 
 
-def _inputs(loop: ClosedLoop, q_free: BallArray, slopes: Sequence[BallArray]) -> list[Jet]:
+def _inputs(loop: ClosedLoopEquations, q_free: BallArray, slopes: Sequence[BallArray]) -> list[Jet]:
     """q′ with the slopes given, each of shape (B, n′, d, …), at rest."""
     still = Jet(exactly(np.zeros(len(q_free.mid))))
     moving = [Jet(q_free.at(np.s_[:, k]), *(x.at(np.s_[:, k]) for x in slopes)) for k in range(q_free.mid.shape[1])]

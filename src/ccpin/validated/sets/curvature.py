@@ -11,10 +11,9 @@ from ccpin.arrays import Array
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, hull, joined, raised, zeros
 from ccpin.validated.arithmetic.balls import centre_of
 from ccpin.validated.arithmetic.jets import Jet, jets_over
+from ccpin.validated.arithmetic.programs import Program
 from ccpin.validated.arithmetic.series import NotInvertibleError
-from ccpin.validated.arithmetic.tape import Program
-from ccpin.validated.model.closed_loop import ClosedLoop
-from ccpin.validated.model.recorded_laws import HALF_A_TURN
+from ccpin.validated.loop_equations import HALF_A_TURN, ClosedLoopEquations
 from ccpin.validated.sets.branch import ClosedStates, Jets, closed_boxes, jets_of, nearly_closed, states_of
 
 _POINT = 1e-15  # rad or m: the box about a q that is a point, in doubles
@@ -79,7 +78,7 @@ class Curvature(NamedTuple):
     bend: BallArray
 
 
-def at_middles(loop: ClosedLoop, instants: Instants) -> Jets:
+def at_middles(loop: ClosedLoopEquations, instants: Instants) -> Jets:
     """F, F′ and F″ at the middles of slices.
 
     Raises:
@@ -89,7 +88,7 @@ def at_middles(loop: ClosedLoop, instants: Instants) -> Jets:
     return _flow_jets(loop, _jets(_states(loop, _middles(loop, instants), v, None), loop, loop.field), v)
 
 
-def _middles(loop: ClosedLoop, instants: Instants) -> BallArray:
+def _middles(loop: ClosedLoopEquations, instants: Instants) -> BallArray:
     """σ at the middles, in boxes as small as the doubles are."""
     q_free = instants.middle.at(np.s_[:, : loop.n_x])
     centre, proven = closed_boxes(loop, q_free.mid, q_free.rad[:, list(loop.independent)] + _POINT)
@@ -98,7 +97,7 @@ def _middles(loop: ClosedLoop, instants: Instants) -> BallArray:
     return centre
 
 
-def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> StateBoxes:
+def boxes(loop: ClosedLoopEquations, instants: Instants, reach: Array, pieces: int) -> StateBoxes:
     """Boxes of the half-widths (B, N) about the motion over slices, with σ on pieces of them.
 
     Raises:
@@ -119,7 +118,7 @@ def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> St
         if not np.all(off < np.pi * (1.0 - 1e-9)):
             raise UnboundedError(HALF_A_TURN)
     for turned in loop.upright:
-        place = slice(turned.joint.x.stop - 4, turned.joint.x.stop)
+        place = slice(turned.place, turned.place + 4)
         reference = centre_of(turned.reference)
         if not np.all(whole.mid[:, place] @ reference - whole.rad[:, place] @ np.abs(reference) > 1e-9):
             raise UnboundedError(HALF_A_TURN)
@@ -127,7 +126,7 @@ def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> St
     return StateBoxes(middles, whole, v, _in_pieces(loop, whole, v, pieces), pieces**n)
 
 
-def _in_pieces(loop: ClosedLoop, whole: BallArray, v: BallArray, pieces: int) -> ClosedStates:
+def _in_pieces(loop: ClosedLoopEquations, whole: BallArray, v: BallArray, pieces: int) -> ClosedStates:
     """σ over the pieces of boxes Q × Y, each coordinate of Q cut into as many intervals; all of V with each.
 
     Raises:
@@ -151,7 +150,7 @@ def _in_pieces(loop: ClosedLoop, whole: BallArray, v: BallArray, pieces: int) ->
     return _states(loop, joined(points, box), joined(centre_rest, rest), whole_reach)
 
 
-def curvature_over(loop: ClosedLoop, instants: Instants, slope: BallArray, around: StateBoxes) -> Curvature:
+def curvature_over(loop: ClosedLoopEquations, instants: Instants, slope: BallArray, around: StateBoxes) -> Curvature:
     """The ranges of F″ beside F′ at the middles, `at_middles`' slope.
 
     Raises:
@@ -169,7 +168,7 @@ def curvature_over(loop: ClosedLoop, instants: Instants, slope: BallArray, aroun
     return Curvature(slope, change, whole)
 
 
-def feedback(loop: ClosedLoop, instants: Instants, reach: Array | None, pieces: int) -> BallArray:
+def feedback(loop: ClosedLoopEquations, instants: Instants, reach: Array | None, pieces: int) -> BallArray:
     """Balls around ∂u/∂(q, q̇) of a sampled law, of shape (B, motors, 2n): at middles, or in boxes (2n,) about them.
 
     Raises:
@@ -187,7 +186,7 @@ def feedback(loop: ClosedLoop, instants: Instants, reach: Array | None, pieces: 
     return hull(over, around.pieces).at(np.s_[:, :, :size])
 
 
-def _flow(loop: ClosedLoop, states: BallArray) -> BallArray:
+def _flow(loop: ClosedLoopEquations, states: BallArray) -> BallArray:
     """F over boxes of states (q′, q̇)."""
     try:
         found = jets_over(loop.field, [Jet(states.at(np.s_[:, k])) for k in range(loop.field.inputs)], order=0)
@@ -198,7 +197,7 @@ def _flow(loop: ClosedLoop, states: BallArray) -> BallArray:
     return BallArray(*(np.stack(column, axis=1) for column in zip(*parts, strict=True)))
 
 
-def _flow_jets(loop: ClosedLoop, field: Jets, v: BallArray) -> Jets:
+def _flow_jets(loop: ClosedLoopEquations, field: Jets, v: BallArray) -> Jets:
     """F's jets from those of the outputs (q̇′, q̈)."""
     n, count, size = loop.n, len(v.mid), loop.n + v.mid.shape[1]
     value = BallArray(
@@ -212,14 +211,14 @@ def _flow_jets(loop: ClosedLoop, field: Jets, v: BallArray) -> Jets:
     return Jets(value, slope, bend)
 
 
-def _states(loop: ClosedLoop, q_free: BallArray, rest: BallArray, reach: Array | None) -> ClosedStates:
+def _states(loop: ClosedLoopEquations, q_free: BallArray, rest: BallArray, reach: Array | None) -> ClosedStates:
     try:
         return states_of(loop, q_free, rest, reach)
     except NotInvertibleError:
         raise UnboundedError(_REGULAR) from None
 
 
-def _jets(states: ClosedStates, loop: ClosedLoop, program: Program) -> Jets:
+def _jets(states: ClosedStates, loop: ClosedLoopEquations, program: Program) -> Jets:
     try:
         return jets_of(states, loop, program)
     except NotInvertibleError:

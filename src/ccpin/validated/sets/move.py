@@ -27,10 +27,12 @@ from ccpin.proof.digests import digest, require_same
 from ccpin.proof.verdict import Judged, Verdict, Witness
 from ccpin.validated.arithmetic.balls import Ball, flint, lower, upper
 from ccpin.validated.flow.crossing import witness_of
-from ccpin.validated.flow.enclosure import Enclosure, collect
-from ccpin.validated.flow.motion_task import MotionTask, task_of
-from ccpin.validated.flow.regularity import regular
-from ccpin.validated.flow.step import ProvenStep, StepOptions, march, start_box
+from ccpin.validated.flow.enclosure import Enclosure, proved_motion, told_of
+from ccpin.validated.flow.marching import StepOptions, march
+from ccpin.validated.flow.motion_task import MotionAsked, MotionTask, task_of
+from ccpin.validated.flow.proved_steps import ProvedSteps
+from ccpin.validated.flow.start_claim import state_of
+from ccpin.validated.flow.step import ProvenStep, start_box
 from ccpin.validated.sets.arrival import RETRY, Goal, SetArrival, goal_of, lyapunov, single_valued, unconnected
 from ccpin.validated.sets.set_enclosure import checked_cut, starts_of, told
 from ccpin.validated.sets.subdivision import Starts, Tube, TubeTask, cover
@@ -145,7 +147,7 @@ def certify_move(
             inside = SetArrival(task.loop, goal, task.options, cells)
             move = _of_a_set(TubeTask(task, cut, inside), starts, parts)
         else:
-            move = _of_one(task, task.start(q0, v0), goal)
+            move = _of_one(task, task.from_doubles(q0, v0), goal)
     if move.verdict == "proven" and sampled:
         move = replace(move, verdict="undecided", reason=f"{move.reason}, but that level was only sampled: certify it")
     reason = move.reason + without_dry_friction(model.mechanism)
@@ -153,18 +155,25 @@ def certify_move(
     return replace(move, reason=reason, level=level, rigorous=rigorous, assumes=assumes)
 
 
-def _of_one(task: MotionTask, start: list[Ball], goal: Goal) -> MoveCertificate:
+def _of_one(task: MotionTask, asked: MotionAsked, goal: Goal) -> MoveCertificate:
     """What is proven of one start (its level is the caller's)."""
-    loop, run = task.loop, _run(task, start, goal)
-    enclosure = collect(loop, start, run.steps, run.stopped, task.precision)
+    loop, fact = task.loop, task.start(asked)
+    start = state_of(fact).balls()
+    run = _run(task, start, goal)
+    motion, refused = proved_motion(loop.equations, fact, run.steps, [], task.precision)
+    if not run.stopped:
+        asked = asked._replace(duration=float(motion.found["times"][-1]))
+    enclosure = told_of(loop, asked, motion, refused or run.stopped)
+    if refused:
+        run = _Outcome("undecided", refused, [], refused)
     end = start_box(run.steps[-1].end) if run.steps else start
     return MoveCertificate(
         run.verdict,
         run.reason,
         witness_of("state", loop, end) if run.verdict == "refuted" else None,
         float(enclosure.times[-1]),
-        lower(lyapunov(loop, goal, start)),
-        upper(lyapunov(loop, goal, end)),
+        lower(lyapunov(loop.equations, goal, start)),
+        upper(lyapunov(loop.equations, goal, end)),
         goal.level,
         False,
         enclosure,
@@ -181,7 +190,7 @@ def _of_a_set(task: TubeTask, starts: Starts, parts: int) -> MoveCertificate:
     time = max(tube.duration for tube in tubes)
     if verdict == "proven":
         reason = f"in {len(tubes)} tubes all motions are in B₂ from t = {time:.6g} s on: 𝒱 < {arrival.largest:.6g} J"
-    at_start = lower(lyapunov(task.motion.loop, arrival.goal, middle.start))
+    at_start = lower(lyapunov(task.motion.loop.equations, arrival.goal, middle.start))
     highest = arrival.largest if verdict == "proven" else np.inf
     return MoveCertificate(
         verdict, reason, None, time, at_start, highest, arrival.goal.level, False, middle, tuple(tubes)
@@ -197,19 +206,19 @@ class _Outcome(NamedTuple):
 
 def _run(task: MotionTask, start: Sequence[Ball], goal: Goal) -> _Outcome:
     """Step until Theorem A's 1–4 hold, or until 𝒱 < 0 where that says that the motion never arrives."""
-    loop, options = task.loop, task.options
+    loop, own, options = task.loop, task.loop.equations, task.options
     steps: list[ProvenStep] = []
     time, ask_below, missing, never = 0.0, goal.level, "𝒱 is not below the level", single_valued(loop, goal.law)
-    if (value := upper(lyapunov(loop, goal, start))) < 0.0 and never:
+    if (value := upper(lyapunov(own, goal, start))) < 0.0 and never:
         return _Outcome("refuted", _NEVER.format(time, value), steps, "")
-    for step in march(regular(loop), start, task.duration, options):
+    for step in march(ProvedSteps(own, task.precision), start, task.duration, options):
         if not isinstance(step, ProvenStep):
             told = f"rigour stops at t = {time:.9g} s after {len(steps)} steps: {step.reason}"
             return _Outcome("undecided", f"{told}; {_MORE}", steps, step.reason)
         steps.append(step)
         time += step.length
         end = start_box(step.end)
-        value = upper(lyapunov(loop, goal, end))
+        value = upper(lyapunov(own, goal, end))
         if value < 0.0 and never:
             return _Outcome("refuted", _NEVER.format(time, value), steps, "")
         if value < ask_below:

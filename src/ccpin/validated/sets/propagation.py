@@ -16,8 +16,9 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, inverse, of_balls, raised
 from ccpin.validated.arithmetic.balls import Ball, around, ball
-from ccpin.validated.flow.step import QUANTUM, ProvenStep
-from ccpin.validated.model.closed_loop import ClosedLoop
+from ccpin.validated.flow.marching import QUANTUM
+from ccpin.validated.flow.step import ProvenStep
+from ccpin.validated.loop_equations import ClosedLoopEquations
 from ccpin.validated.sets.curvature import Instants, UnboundedError, at_middles, feedback
 from ccpin.validated.sets.tube_theorem import TimeSlice, advance, frames
 
@@ -51,14 +52,14 @@ class CrossSection(NamedTuple):
     bound: Array
 
 
-def first_section(loop: ClosedLoop, start: Instants, spread: Array) -> CrossSection:
+def first_section(loop: ClosedLoopEquations, start: Instants, spread: Array) -> CrossSection:
     """The box of starts in a frame no edge of which is much thinner than the others, as the flow mixes them."""
     units = _units(loop, fastest_rate(loop, start))
     edges = np.maximum(spread, _THINNEST * units * (spread / units).max())
     return CrossSection(exactly(np.diag(edges)), np.minimum(spread / edges * (1.0 + 1e-15), 1.0))
 
 
-def fastest_rate(loop: ClosedLoop, instants: Instants) -> float:
+def fastest_rate(loop: ClosedLoopEquations, instants: Instants) -> float:
     """The largest rate 1/s of the linearised flow at some slices' middles."""
     slope, size = at_middles(loop, instants).slope.mid, 2 * loop.n
     if loop.efforts is not None:
@@ -66,7 +67,7 @@ def fastest_rate(loop: ClosedLoop, instants: Instants) -> float:
     return float(np.abs(np.linalg.eigvals(slope)).max())
 
 
-def sampled_section(loop: ClosedLoop, step: ProvenStep, section: CrossSection, cut: Cut) -> CrossSection:
+def sampled_section(loop: ClosedLoopEquations, step: ProvenStep, section: CrossSection, cut: Cut) -> CrossSection:
     """A cross-section (q, q̇, …) of a sampled loop just after a sample: the law's efforts follow from q and q̇.
 
     e_u = Ke, e the deviation of (q, q̇) and K in the range of ∂u/∂(q, q̇) over a box about the cross-section. With F in
@@ -90,7 +91,7 @@ def sampled_section(loop: ClosedLoop, step: ProvenStep, section: CrossSection, c
 
 
 def grow(
-    loop: ClosedLoop, step: ProvenStep, since: float, section: CrossSection, cut: Cut
+    loop: ClosedLoopEquations, step: ProvenStep, since: float, section: CrossSection, cut: Cut
 ) -> Iterator[list[TimeSlice]]:
     """Batches of slices over one step of the enclosed motion.
 
@@ -136,7 +137,7 @@ def grow(
             raise UnboundedError(f"the tube has grown to {_GROWTH:g} times what the linearised flow makes of it")
 
 
-def _units(loop: ClosedLoop, rate: float) -> Array:
+def _units(loop: ClosedLoopEquations, rate: float) -> Array:
     """In what edges of a cross-section (q, q̇) are compared, of shape (2n,)."""
     return np.repeat([1.0, max(rate, 1.0)], loop.n)
 

@@ -18,8 +18,8 @@ from ccpin.mechanism.assumptions import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.verdict import Judged, Verdict
 from ccpin.validated.arithmetic.balls import centre_of, flint
+from ccpin.validated.flow.marching import QUANTUM, StepOptions
 from ccpin.validated.flow.motion_task import MotionTask, exact_q, task_of, velocity
-from ccpin.validated.flow.step import QUANTUM, StepOptions
 from ccpin.validated.sets.propagation import Cut
 from ccpin.validated.sets.subdivision import Starts, Tube, TubeTask, cover
 

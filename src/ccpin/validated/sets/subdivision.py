@@ -18,12 +18,12 @@ from ccpin.arrays import Array, numbers
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.proof.verdict import Judged, Verdict
 from ccpin.validated.arithmetic.balls import Ball, ball, centre_of
-from ccpin.validated.arithmetic.series import values
-from ccpin.validated.flow.enclosure import Enclosure, collect
+from ccpin.validated.flow.enclosure import Enclosure, proved_motion, told_of
+from ccpin.validated.flow.marching import Stuck, march
 from ccpin.validated.flow.motion_task import MotionTask, on_circles
-from ccpin.validated.flow.regularity import regular
-from ccpin.validated.flow.step import ProvenStep, Stuck, march, start_box
-from ccpin.validated.model.closed_loop import ClosedLoop
+from ccpin.validated.flow.proved_steps import ProvedSteps
+from ccpin.validated.flow.start_claim import state_of
+from ccpin.validated.flow.step import ProvenStep, start_box
 from ccpin.validated.sets.curvature import UnboundedError
 from ccpin.validated.sets.propagation import CrossSection, Cut, first_section, grow, instants_of, sampled_section
 from ccpin.validated.sets.tube_theorem import TimeSlice
@@ -101,7 +101,7 @@ class Tube(Judged):
         return self._centre(t), self._slice(t).reach
 
     def _centre(self, t: float) -> Array:
-        loop = self.enclosure.loop
+        loop = self.enclosure.loop.equations
         state = centre_of(self.enclosure.inputs(t))
         return np.concatenate([state[list(loop.independent)], state[loop.n_x :]])
 
@@ -148,17 +148,26 @@ def cover(task: TubeTask, starts: Starts, parts: int) -> tuple[list[Tube], str]:
 
 def _grown(task: TubeTask, starts: Starts) -> tuple[Tube, int | None]:
     """The tube of one box of starts, and the coordinate across which to halve it where it is not proven."""
-    loop, centre = task.motion.loop, [ball(x) for x in starts.q.tolist()]
+    motion, loop, centre = task.motion, task.motion.loop.equations, [ball(x) for x in starts.q.tolist()]
     try:
-        start = _at_a_sample(loop, task.motion.closed(on_circles(task.motion.model, starts.q), centre, starts.v))
+        asked = motion.asked(on_circles(motion.model, starts.q), centre, starts.v)
+        start = motion.start(asked)
     except CcpinError as error:
         raise type(error)(f"at the start {starts.q.tolist()}: {error}") from None
     steps, slices, section = list[ProvenStep](), list[TimeSlice](), None
-    since, missing = 0.0, ""
-    for step, sampled in _motion(task, start):
+    since, missing, samples = 0.0, "", list[int]()
+
+    def tube() -> Tube:
+        proved, refused = proved_motion(loop, start, steps, samples, motion.precision)
+        reached = float(proved.found["times"][-1])
+        enclosure = told_of(motion.loop, asked._replace(duration=reached), proved, refused)
+        return _tube(starts, enclosure, slices, missing or refused)
+
+    for step, sampled in _motion(task, state_of(start).balls()):
         if not isinstance(step, ProvenStep):
             missing = step.reason
             break
+        samples += [len(steps)] if sampled else []
         steps.append(step)
         if section is None:
             section = first_section(loop, instants_of(step, 0.0, 1), starts.spread)
@@ -169,46 +178,31 @@ def _grown(task: TubeTask, starts: Starts) -> tuple[Tube, int | None]:
                 section = CrossSection(batch[-1].end, batch[-1].kept)
                 missing = task.arrived(batch[-1]) if task.arrived else ""
                 if task.arrived and not missing:
-                    return _tube(task, starts, start, steps, slices, ""), None
+                    return tube(), None
         except UnboundedError as error:
             missing = str(error)
             break
         since += step.length
     across = _widest(starts, slices) if slices else int(starts.spread.argmax())
     across = None if missing == TOO_EARLY else across  # smaller parts do not help
-    return _tube(task, starts, start, steps, slices, missing), across
+    return tube(), across
 
 
 def _motion(task: TubeTask, start: Sequence[Ball]) -> Iterator[tuple[ProvenStep | Stuck, bool]]:
     """The steps of the motion from a point, each with whether it begins at a sample of the law."""
     motion, since, state = task.motion, 0.0, list(start)
-    loop = motion.loop
+    loop = motion.loop.equations
+    field = ProvedSteps(loop, motion.precision)
     while since < motion.duration:
-        sampled, state = loop.efforts is not None, _at_a_sample(loop, state)
-        for step in march(regular(loop), state, min(task.period, motion.duration - since), motion.options):
+        sampled, state = loop.efforts is not None, loop.at_a_sample(state)
+        for step in march(field, state, min(task.period, motion.duration - since), motion.options):
             yield step, sampled
             if not isinstance(step, ProvenStep):
                 return
             sampled, since, state = False, since + step.length, start_box(step.end)
 
 
-def _at_a_sample(loop: ClosedLoop, state: Sequence[Ball]) -> list[Ball]:
-    """A state with the efforts that a sampled law reads from it; itself under any other."""
-    if loop.efforts is None:
-        return list(state)
-    known = state[: loop.n_x + loop.n]
-    return [*known, *values(loop.efforts, [*known, *[ball(0)] * len(loop.efforts.outputs)])]
-
-
-def _tube(
-    task: TubeTask,
-    starts: Starts,
-    start: Sequence[Ball],
-    steps: list[ProvenStep],
-    slices: list[TimeSlice],
-    missing: str,
-) -> Tube:
-    enclosure = collect(task.motion.loop, start, steps, "", task.motion.precision)
+def _tube(starts: Starts, enclosure: Enclosure, slices: list[TimeSlice], missing: str) -> Tube:
     reached = slices[-1].time + float(slices[-1].instant.half[0]) if slices else 0.0
     widths = ", ".join(f"{x:.3g}" for x in starts.spread)
     told = f"the motions within ±({widths}) of ({', '.join(f'{x:.6g}' for x in starts.q)})"

@@ -12,7 +12,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, inverse, raised
-from ccpin.validated.model.closed_loop import ClosedLoop
+from ccpin.validated.loop_equations import ClosedLoopEquations
 from ccpin.validated.sets.curvature import Curvature, Instants, UnboundedError, at_middles, boxes, curvature_over
 
 _TIGHT = 1e-7  # of an image, above it: 3 asks for a strict inequality
@@ -64,7 +64,7 @@ class _TubeTerms(NamedTuple):
     end: BallArray
 
 
-def frames(loop: ClosedLoop, instants: Instants, begin: Array) -> SliceFrames:
+def frames(loop: ClosedLoopEquations, instants: Instants, begin: Array) -> SliceFrames:
     """Frames that follow the linearised flow from a frame at the first slice's beginning: chosen, not proven.
 
     Raises:
@@ -84,7 +84,12 @@ def frames(loop: ClosedLoop, instants: Instants, begin: Array) -> SliceFrames:
 
 
 def advance(
-    loop: ClosedLoop, instants: Instants, moving: SliceFrames, before: tuple[BallArray, Array], room: Array, pieces: int
+    loop: ClosedLoopEquations,
+    instants: Instants,
+    moving: SliceFrames,
+    before: tuple[BallArray, Array],
+    room: Array,
+    pieces: int,
 ) -> list[TimeSlice]:
     """The slices proven, in order, up to the first whose tube does not fit into the room for it.
 
