@@ -122,7 +122,11 @@ ROOMS: tuple[Room, ...] = (
             "TubeKept._require_glued",
             "TubeKept._levels",
         ),
-        ("control/stability/tracking/test_tube_claims.py",),
+        ("control/stability/tracking/test_sharp_tube_claim.py", "control/stability/tracking/test_tube_claims.py"),
+        (
+            ("(1.0 + 8.0 * UNIT_ROUNDOFF)", "8 × 0.9", "1 + 7.2u is 1 + 8u as a double"),
+            ("(1.0 + 8.0 * UNIT_ROUNDOFF)", "8 × 1.1", "1 + 8.8u is 1 + 8u as a double"),
+        ),
     ),
     Room(
         "control/stability/tracking/tube_levels",
