@@ -98,13 +98,15 @@ def test_cells_reach_to_the_edge_of_their_boxes(edge):
     while room * (1.0 + 8.0 * 2.0**-53) > most:
         room = np.nextafter(room, 0.0)
     solutions = SimpleNamespace(claim=SimpleNamespace(boxes=boxes))
-    given = SimpleNamespace(place=place)
-    replace(claim, room=np.array([[room, 1.0]]))._require_covered(solutions, given)
-    half = SimpleNamespace(place=SimpleNamespace(**vars(place) | {"deviation": np.array([[0.5 * room]])}))
-    replace(claim, room=np.array([[0.5 * room, 1.0]]))._require_covered(solutions, half)
-    for wide, less in ((np.nextafter(room, 9.0), given), (np.nextafter(0.5 * room, 9.0), half)):
-        with pytest.raises(NotProvedError, match="in its box"):
-            replace(claim, room=np.array([[wide, 1.0]]))._require_covered(solutions, less)
+    for wide, held in ((room, True), (np.nextafter(room, 9.0), False)):
+        for own, strayed in ((wide, 0.0), (2.0**-80, wide)):
+            cells = SimpleNamespace(place=SimpleNamespace(**vars(place) | {"deviation": np.array([[strayed]])}))
+            asked = replace(claim, room=np.array([[own, 1.0]]))
+            if held:
+                asked._require_covered(solutions, cells)
+            else:
+                with pytest.raises(NotProvedError, match="in its box"):
+                    asked._require_covered(solutions, cells)
     short = boxes._replace(half=np.array([[np.nextafter(1.0, 0.0), edge]]))
     with pytest.raises(NotProvedError, match="in its box"):
         replace(claim, room=np.array([[room, 1.0]]))._require_covered(
