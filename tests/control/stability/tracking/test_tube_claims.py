@@ -202,6 +202,16 @@ FORGED = {
     "polynomials without coefficients": lambda e: {"reference": ReferencePieces(e.reference.c[:0], e.reference.x)},
     "coefficients that are no number": lambda e: {"reference": ReferencePieces(np.nan * e.reference.c, e.reference.x)},
     "one gain without end": lambda e: {"feedback": e.feedback._replace(K_p=np.diag([np.inf, 1.0]))},
+    "polynomials with an axis more": lambda e: {"reference": ReferencePieces(e.reference.c[..., None], e.reference.x)},
+    "a knot too many": lambda e: {
+        "reference": ReferencePieces(e.reference.c, np.append(e.reference.x, e.reference.x[-1] + 1.0))
+    },
+    "one coefficient that is no number": lambda e: {
+        "reference": ReferencePieces(
+            np.where(np.arange(e.reference.c.size).reshape(e.reference.c.shape) == 0, np.nan, e.reference.c),
+            e.reference.x,
+        )
+    },
     "a piece of no length": lambda e: {
         "reference": ReferencePieces(e.reference.c[:, [0, 0, 1]], np.insert(e.reference.x, 1, e.reference.x[1]))
     },
