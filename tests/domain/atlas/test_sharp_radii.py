@@ -232,7 +232,7 @@ class Known:
     def __init__(self, kappa, omega):
         self.kappa, self.omega, self.asked = np.array(kappa), np.array(omega), []
 
-    def contraction(self, reach, weight):
+    def contraction(self, reach):
         self.asked.append(reach)
         return SimpleNamespace(of=lambda w: self.kappa * w)
 
