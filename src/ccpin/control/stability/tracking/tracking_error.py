@@ -49,21 +49,24 @@ class TrackingCertificate(Judged):
     proved: Fact | None
     _tube: ReferenceTube = field(repr=False)
 
-    @cached_property
+    @property
     def verdict(self) -> Verdict:
         """``"proven"``, or ``"undecided"`` where the bounds do not close."""
+        return "undecided" if self._known is None else "proven"
+
+    @cached_property
+    def _known(self) -> Fact | None:
+        """The fact, if it is one about the law, ε and f̄."""
         if type(self.proved) is not Fact or type(self.proved.claim) is not TubeKept:
-            return "undecided"
+            return None
         claim, reference = self.proved.claim, self._tube.equations.reference
         told = claim.sigma_error[0] == self.sigma_error and np.array_equal(claim.disturbance, self.disturbance)
         own = equations_of(self.law, self._tube.path.reading, reference)
-        return "proven" if told and own.digest == self.proved.digest else "undecided"
+        return self.proved if told and own.digest == self.proved.digest else None
 
     def _found(self, name: str, *shape: int) -> Array:
         """A number of the fact; infinite where there is none."""
-        if self.verdict != "proven" or self.proved is None:
-            return np.full(shape, np.inf)
-        return np.asarray(self.proved.found[name])
+        return np.full(shape, np.inf) if self._known is None else np.asarray(self._known.found[name])
 
     @property
     def times(self) -> Array:
@@ -90,7 +93,7 @@ class TrackingCertificate(Judged):
     @property
     def decay(self) -> float:
         """α, 1/s; 0 where nothing is proved."""
-        return float(self.proved.claim.decay[0]) if self.verdict == "proven" and self.proved else 0.0
+        return 0.0 if self._known is None else float(self._known.claim.decay[0])
 
     @property
     def gain(self) -> float:
@@ -130,10 +133,10 @@ class TrackingCertificate(Judged):
             ConvergenceError: Newton's convergence from one sample to the next is not guaranteed.
         """
         period = positive(period, "period", "a positive number of seconds")
-        if self.verdict != "proven" or self.proved is None:
+        if self._known is None:
             raise InvalidInputError(f"there is no proved motion to sample: {self.reason}")
         try:
-            found = prove(SigmaKept(self.proved.claim.equations, np.array([period])), self.proved).found
+            found = prove(SigmaKept(self._known.claim.equations, np.array([period])), self._known).found
         except NotProvedError as error:
             raise ConvergenceError(str(error)) from None
         return OnlineDemand(float(found["start"][0]), int(found["steps"][0]), float(found["tolerance"][0]))
