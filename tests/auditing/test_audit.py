@@ -19,6 +19,7 @@ pytest.importorskip("flint")
 from ccpin import auditing
 from ccpin.auditing import boxes, closures, gluing, reading, verify
 from tests.support.altered import changed
+from tests.support.long_cases import later
 
 CASES = {
     "four_bar": ((0.7,), None, 8, None),
@@ -28,7 +29,10 @@ CASES = {
 }
 
 
-@pytest.fixture(scope="module", params=CASES)
+@pytest.fixture(
+    scope="module",
+    params=[*list(CASES)[:3], pytest.param("planar_3rrr", marks=pytest.mark.slow)],
+)
 def case(request, tmp_path_factory):
     q0, region, depth, sample = CASES[request.param]
     mechanism = ccpin.load(request.param)
@@ -48,7 +52,7 @@ def test_true_claims_are_proved(case):
     assert "Theorem N" in audit.theorem
 
 
-@pytest.mark.parametrize("held", [0, 1, 2])
+@pytest.mark.parametrize("held", later(0, 1, 2))
 def test_a_slice_is_proved_and_reached(held, tmp_path):
     """Over a slice, boxes touch in the coordinates that are not held; without its faces nothing else is reached."""
     q = np.array(CASES["planar_3rrr"][0])

@@ -15,6 +15,7 @@ from flint import arb, arb_mat
 
 from ccpin.auditing import closures, empty_cells, legs, reading
 from tests.support.altered import changed, without_boxes
+from tests.support.long_cases import later
 
 SIZES = [10, pytest.param(1_500, marks=pytest.mark.slow)]
 MORE = [20, SIZES[1]]
@@ -35,7 +36,7 @@ def apart(look, q, half):
 
 
 @pytest.mark.parametrize("points", MORE)
-@pytest.mark.parametrize("half", [0.0, 0.02])
+@pytest.mark.parametrize("half", later(0.02, 0.0))
 def test_delta(half, points, tmp_path):
     """Where the spheres of a level platform meet, be it by as little as there is, they are never told to miss."""
     _, look = looker("delta", tmp_path)

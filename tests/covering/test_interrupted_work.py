@@ -22,6 +22,7 @@ from ccpin.domain.singular import cover, following
 from ccpin.errors import DifferentSubjectsError, InvalidInputError
 from ccpin.proof.cell_tree import WHOLE
 from ccpin.work import ended, executor_for, side_by_side, stoppable
+from tests.support.long_cases import later
 
 TORUS = (np.full(2, -np.pi), np.full(2, np.pi))
 GOAL = np.radians((-108.0, -72.0))
@@ -169,7 +170,7 @@ def test_a_closed_executor_is_told(rpdr):
         certify(rpdr, GOAL, executor=Closed())
 
 
-@pytest.mark.parametrize("at", [58, 100])  # about the start, in the map
+@pytest.mark.parametrize("at", later(58, 100))  # about the start, in the map
 def test_a_largest_workspace_is_interrupted_as_a_whole(at):
     """Ctrl-C in one of its surveys had ended that one alone; what was found is kept and is certified."""
     pressed = Pressed(at)

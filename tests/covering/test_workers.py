@@ -14,6 +14,7 @@ from ccpin import domain
 from ccpin.domain import SheetAtlas, certify_sheets, scalar_coordinates_at
 from ccpin.errors import InvalidInputError
 from tests.oracles import rpdr as five_bar
+from tests.support.long_cases import later
 
 TORUS = (np.full(2, -np.pi), np.full(2, np.pi))
 
@@ -82,7 +83,7 @@ def test_progress_is_told(rpdr):
     assert told[-1].certified == pytest.approx(atlas.certified_fraction)
 
 
-@pytest.mark.parametrize("share", [0.02, 0.5])
+@pytest.mark.parametrize("share", later(0.02, 0.5))
 def test_an_end_by_the_clock_keeps_what_is_proved(rpdr, share):
     """Wherever it ends, nothing that is counted is wrong, all boxes hold, and the rest is undecided."""
     start = time.perf_counter()

@@ -37,6 +37,8 @@ THEIRS = (
     "5bar_linkage_iso3d",
 )
 FILES = [*sorted(MODELS.glob("*.urdf")), *(SHARED / name for name in THEIRS)]
+LONG = ("hexa", "stewart")
+QUICK = [pytest.param(path, marks=pytest.mark.slow) if path.stem in LONG else path for path in FILES]
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -57,7 +59,7 @@ def compare_states(path, count):
             assert_same(model, kernel, q, rng)
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", QUICK, ids=[path.stem for path in FILES])
 def test_models(path):
     """Every model that comes with ccpin, and those of others, at random states from near the reference to far."""
     if not path.exists():
@@ -261,7 +263,7 @@ def compare_bearings(model, kernel, rng, states):
         assert relative(numbers[2][1:, :3, 3], bearings.of_joints(state, _LoadCase(v, u, pushed, None)).point) <= 1e-12
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", QUICK, ids=[path.stem for path in FILES])
 def test_bearings(path):
     """Newton and Euler over the clusters give what they give body by body, on every model."""
     if not path.exists():

@@ -19,6 +19,7 @@ from ccpin.simulation.events.watches import Instant
 from ccpin.simulation.integration import simulator
 from ccpin.simulation.integration.core_runs import run_in_core
 from tests.support.agreement import reference_model
+from tests.support.long_cases import later
 
 pytestmark = pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is not in use")
 
@@ -189,7 +190,7 @@ LOOPS = {
 
 
 @pytest.mark.parametrize("kind", ["simple", "computed torque"])
-@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.parametrize("name", later("everything", *(name for name in LOOPS if name != "everything")))
 def test_sampled_loops(rpdr_model, name, kind):
     """A digital controller's run, command for command: samples to 1e-11, the u held, and the same evaluations.
 

@@ -12,6 +12,7 @@ from ccpin.proof.newton import Boxes
 from ccpin.proof.ranges import NO_LIMIT
 from ccpin.proof.solution_counts import CompleteCells, CountedCells
 from ccpin.proof.solutions import SolutionsInBoxes
+from tests.support.long_cases import later
 from tests.support.straight import arm, reached_by
 
 ARM = Closures(arm().system)
@@ -143,7 +144,7 @@ def each_in_one(boxes, q):
     assert held.any(axis=1).all()
 
 
-@pytest.mark.parametrize("seed", [0, 2, 3])
+@pytest.mark.parametrize("seed", later(0, 2, 3))
 def test_what_is_proved_of_an_arm_is_true(seed):
     """At the corners and in the middle of cells; and much is proved."""
     rng, found = np.random.default_rng(seed), np.zeros(3, dtype=int)

@@ -5,9 +5,10 @@ import pytest
 import ccpin
 from tests.support.damage import TEXT_XML_DAMAGE, complaints
 from tests.support.described import SDF_TEXTS
+from tests.support.long_cases import later
 
 
-@pytest.mark.parametrize("chunk", range(4))
+@pytest.mark.parametrize("chunk", later(*range(4)))
 def test_a_damaged_file_loads_or_is_refused_by_name(chunk, tmp_path, capfd):
     """A few hundred cases."""
     assert not complaints(SDF_TEXTS, range(chunk, 300, 4), tmp_path, TEXT_XML_DAMAGE, ".sdf")

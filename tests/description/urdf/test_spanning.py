@@ -8,6 +8,7 @@ import pytest
 import ccpin
 from ccpin.errors import DescriptionError
 from tests.support.damage import TEXT_XML_DAMAGE, complaints
+from tests.support.long_cases import later
 from tests.support.reading import read_urdf
 from tests.support.sdf_files import COUPLER, ROCKER, four_bar_urdf
 
@@ -296,7 +297,7 @@ TEXTS = {
 }
 
 
-@pytest.mark.parametrize("chunk", range(4))
+@pytest.mark.parametrize("chunk", later(*range(4)))
 def test_a_damaged_file_loads_or_is_refused_by_name(chunk, tmp_path, capfd):
     """A few hundred cases."""
     assert not complaints(TEXTS, range(chunk, 300, 4), tmp_path, TEXT_XML_DAMAGE, ".urdf")

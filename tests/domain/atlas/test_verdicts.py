@@ -12,6 +12,7 @@ from ccpin.domain.paths.refutation import line_problem
 from ccpin.domain.singular.folds import singular_points
 from tests.oracles import rpdr as oracle
 from tests.support.closures import closed_problem
+from tests.support.long_cases import later
 from tests.support.singular import least_singular_value
 
 SEED = np.array([-1.885, -1.257])
@@ -97,7 +98,7 @@ def test_results_print_as_their_verdicts(rpdr):
         assert len(repr(result)) < 400
 
 
-@pytest.mark.parametrize("tube", [0.0, 1e-4])
+@pytest.mark.parametrize("tube", later(1e-4, 0.0))
 def test_paths_into_the_boundary_are_refuted_at_it(rpdr, tube):
     """Of forty ends in all directions, each refuted path's witness lies on the closed form's fold and in the tube."""
     rng, counts = np.random.default_rng(8), {"proven": 0, "refuted": 0, "undecided": 0}

@@ -22,6 +22,7 @@ from tests.oracles import planar_3rpr as three_legs
 from tests.oracles import rpdr as paper
 from tests.support.five_bars import in_tree_order, load_five_bar, random_five_bar
 from tests.support.legs import LEG1, load_slice
+from tests.support.long_cases import later
 
 RPDR = oracle.FiveBar(paper.A1, paper.A2, paper.A3, paper.A4, paper.C)
 TORUS = np.full(2, -np.pi), np.full(2, np.pi)
@@ -326,7 +327,7 @@ def on_the_curve(problem, tubes, s):
 
 
 @pytest.mark.parametrize("share", [1.0, 0.3, 1e-3])
-@pytest.mark.parametrize("name", ["rpdr", "3-RPR"])
+@pytest.mark.parametrize("name", later("rpdr", "3-RPR"))
 def test_boxes_about_pieces_hold_the_curve(ring, cusped, name, share):
     """Lemma J's boxes against the curve at random parameters of each piece; those about short ones hold little else."""
     problem, tubes = (ring[0], ring[2].tubes) if name == "rpdr" else cusped

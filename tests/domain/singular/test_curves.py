@@ -156,7 +156,9 @@ def test_work_that_ends_early_lists_what_waits(rpdr, ended):
     assert missed(found, of_five_bar(rpdr, RPDR, 5000, 6, REGION)) == 0
 
 
-@pytest.mark.parametrize(("ended", "suffix"), [({"budget": 2000}, "json"), ({"seconds": 0.3}, "npz")])
+@pytest.mark.parametrize(
+    ("ended", "suffix"), [({"budget": 2000}, "json"), pytest.param({"seconds": 0.3}, "npz", marks=pytest.mark.slow)]
+)
 def test_saved_work_goes_on(rpdr, cover, tmp_path, ended, suffix):
     """Broken off, saved, loaded and continued: the curves that one search finds, and nothing is left."""
     path = tmp_path / f"cover.{suffix}"

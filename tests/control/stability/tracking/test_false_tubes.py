@@ -16,6 +16,7 @@ from ccpin.control.stability.tracking.reference_tube import ReferenceTube
 from ccpin.control.stability.tracking.tube_search import TubeSearch
 from ccpin.covering.proposals.krawczyk import certify_boxes
 from tests.oracles import rpdr as oracle
+from tests.support.long_cases import later
 from tests.support.paper import START
 from tests.support.sigma_attacks import WithWrongSigma, pushing
 from tests.support.tracked import LAWS, RUN, assert_within, law_for
@@ -50,7 +51,7 @@ def test_honest_searches_prove(law_class):
 
 
 @every_law
-@pytest.mark.parametrize("share", [1e-3, 0.1, 0.5])
+@pytest.mark.parametrize("share", later(0.1, 1e-3, 0.5))
 def test_rooms_that_are_too_small(law_class, share, monkeypatch):
     """Levels are told to be lower than they are, so that the first room seems to do."""
     honest = tube_search.levels_of

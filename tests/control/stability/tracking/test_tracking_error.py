@@ -25,12 +25,14 @@ from ccpin.control.stability.tracking.storage import floor, storage_of
 from ccpin.control.stability.tracking.tube_search import choice_for
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.proof.balls import Affine, affine
+from tests.support.long_cases import later
 from tests.support.paper import GOAL, START
 from tests.support.sigma_attacks import WithWrongSigma, dependent_rows, pushing, switching
 from tests.support.tracked import LAWS, MOVES, RUN, assert_within, law_for, model_of
 from tests.support.walkthrough import file
 
 every_law = pytest.mark.parametrize("law_class", LAWS)
+one_law = pytest.mark.parametrize("law_class", later(*LAWS))
 
 
 @lru_cache
@@ -97,7 +99,7 @@ def test_other_mechanisms(name):
         assert_within(proof, law, ccpin.simulate(model, WithWrongSigma(law, error), start, **RUN | {"duration": 0.35}))
 
 
-@every_law
+@one_law
 def test_a_start_that_is_off(law_class):
     """Errors at the corners of what is allowed at t = 0 die out within the bound, and the bound with them."""
     law = law_for(law_class)
@@ -121,7 +123,7 @@ def test_friction_that_the_model_does_not_have(law_class):
     assert np.all(worst > 0.1 * proof.error)
 
 
-@every_law
+@one_law
 def test_input_to_state(law_class):
     """The bound is in first order of ε, and |e| ≤ unit · γ ε."""
     small, large = certificate(law_class, 1e-6), certificate(law_class, 1e-4)
@@ -133,7 +135,7 @@ def test_input_to_state(law_class):
         assert np.all(proof.ultimate <= proof.errors[-1])
 
 
-@every_law
+@one_law
 def test_more_cells_are_nearer(law_class):
     """Twice the cells lower the bound; by how much tells how far it is from its limit."""
     coarse, fine = certificate(law_class, 1e-3, cells=48).error, certificate(law_class, 1e-3).error
@@ -141,7 +143,7 @@ def test_more_cells_are_nearer(law_class):
     assert np.all(coarse < 2.5 * fine)
 
 
-@every_law
+@one_law
 def test_holding_a_set_point(law_class):
     """A reference that rests is one cell; against a σ off by a constant and by what does most."""
     law = law_for(law_class, reference=Hold(model_of("rpdr"), GOAL))
