@@ -27,7 +27,7 @@ from ccpin.work import insistent
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code.
 
-    0 done or proven, 1 a CcpinError, 2 wrong usage, 3 undecided, 4 refuted, 130 interrupted.
+    0 done or proven, 1 an error, 2 wrong usage, 3 undecided, 4 refuted, 130 interrupted.
     """
     options = _parser().parse_args(arguments)
     try:
@@ -35,18 +35,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = int(options.run(options) or 0)
         sys.stdout.flush()
         return code
-    except CcpinError as error:
-        if options.json:
-            print(json.dumps({"error": type(error).__name__, "message": str(error)}))
-        else:
-            print(f"ccpin: {type(error).__name__}: {error}", file=sys.stderr)
-        return 1
     except BrokenPipeError:  # the reader of a pipe has gone
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115  (flushed at exit)
         return 1
     except KeyboardInterrupt:
         print("ccpin: interrupted", file=sys.stderr)
         return 130
+    except Exception as error:
+        if options.debug:
+            raise
+        _tell(error, options.json)
+        return 1
+
+
+def _tell(error: Exception, as_json: bool) -> None:
+    """An error as one line, or as an object; one that no user should ever provoke says how to see where it is from."""
+    kind, message = type(error).__name__, " ".join(str(error).split())
+    if not isinstance(error, CcpinError):
+        message = f"{message or 'no message'} (this error is not foreseen: --debug shows where it is raised)"
+    if as_json:
+        print(json.dumps({"error": kind, "message": message}))
+    else:
+        print(f"ccpin: {kind}: {message}", file=sys.stderr)
 
 
 def _parser() -> argparse.ArgumentParser:

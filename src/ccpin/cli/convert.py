@@ -9,6 +9,7 @@ from typing import Any
 import shtab
 
 from ccpin.cli.command import add_command, complete
+from ccpin.cli.notes import gathered
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.description.formats import FORMATS
@@ -33,5 +34,5 @@ def _convert(options: argparse.Namespace) -> int:
         print(json.dumps({"written": options.out, "n": mechanism.n, "notes": notes}))
     else:
         print(f"{options.out} written: {mechanism.name}, n = {mechanism.n}, closed at its reference")
-        print(*(f"note: {note}" for note in notes), sep="\n", end="\n" if notes else "")
+        print(*(f"note: {note}" for note in gathered(notes)), sep="\n", end="\n" if notes else "")
     return 0

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ccpin.cli.command import add_command, count, positive
+from ccpin.cli.notes import gathered
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import progress_bar
 from ccpin.description.joint_kinds import JOINT_KINDS
@@ -172,7 +173,7 @@ def in_words(facts: dict[str, Any]) -> str:
         f"assembly mode   {sign[facts['assembly_mode']['sign_det_psi']]}, reference:",
         *(f"  {joint['name']}: {_value(joint)}" for joint in facts["joints"]),
         f"computed by     {facts['backend']['name']}: {facts['backend']['reason']}",
-        *(f"note: {note}" for note in facts["notes"]),
+        *(f"note: {note}" for note in gathered(facts["notes"])),
     ]
     return "\n".join(lines)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import Any, get_args
 
 import numpy as np
@@ -25,6 +26,8 @@ _AS_LOADED = (
     *("format", "model", "include_root", "xacro"),
 )
 """What `ccpin.load` calls as the options are called."""
+_TURN, _DEGREES = 2 * np.pi, 720.0
+"""An angle larger than the one and no larger than the other may be one in degrees."""
 _SAMPLED = (
     *("encoder_counts", "velocity_cutoff_hz", "saturation", "delay_samples", "encoder_noise"),
     *("motor_lag", "motor_rate"),
@@ -117,6 +120,7 @@ def vector(options: argparse.Namespace, name: str, mechanism: Mechanism, scalar:
         if plain is not None:
             wanted = mechanism.n if scalar else mechanism.parametrization().coordinates.nq
             _counted(f"--{name}", plain, wanted, mechanism)
+            _hint_at_degrees(options, name, plain, mechanism)
         return None if plain is None else np.array(plain, dtype=np.float64)
     for coordinate in mechanism.independent:
         joint, component = mechanism.tree.split(coordinate)
@@ -129,6 +133,26 @@ def vector(options: argparse.Namespace, name: str, mechanism: Mechanism, scalar:
             )
     _counted(f"--{name}-deg", degrees, mechanism.n, mechanism)
     return np.asarray(np.radians(degrees), dtype=np.float64)
+
+
+def _hint_at_degrees(options: argparse.Namespace, name: str, values: list[float], mechanism: Mechanism) -> None:
+    """Say that angles beyond a turn look like degrees: a note, as a joint may turn often.
+
+    Raises:
+        InvalidInputError: As radians they are outside the joints' limits, as degrees within them.
+    """
+    joints = [mechanism.tree.joint(mechanism.tree.split(name)[0]) for name in mechanism.independent]
+    if len(values) != len(joints) or not all(joint.kind.angle for joint in joints):
+        return
+    if not _TURN < max(map(abs, values)) <= _DEGREES:
+        return
+    written = " ".join(f"{value:g}" for value in values)
+    told = f"--{name} {written} is in radians: did you mean degrees, --{name}-deg {written}?"
+    lower, upper = (limits[[joint.q.start for joint in joints]] for limits in mechanism.position_limits)
+    as_radians, as_degrees = ((lower <= q) & (q <= upper) for q in (np.array(values), np.radians(values)))
+    if as_degrees.all() and not as_radians.all():
+        raise InvalidInputError(f"{told} In radians it is outside the joint limits")
+    print(f"ccpin: note: {told}", file=sys.stderr)
 
 
 def _counted(option: str, values: list[float], wanted: int, mechanism: Mechanism) -> None:
