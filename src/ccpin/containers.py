@@ -90,7 +90,7 @@ def read_npz(file: IO[bytes], check: Check) -> tuple[dict[str, Any], NamedArrays
         header = _parsed(_numbers(archive, members.pop(_HEADER)).tobytes())
         outlines.pop(_HEADER)
         check(header, outlines)
-        numbers = {name: _numbers(archive, member) for name, member in members.items()}
+        numbers = {name: _numbers(archive, members[name]) for name in outlines}
     return _undamaged(header, numbers)
 
 
