@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 
+from ccpin.cli.check import add_check
 from ccpin.cli.command import EXIT_CODES, CommandParser, add_completion
 from ccpin.cli.convert import add_convert
 from ccpin.cli.doctor import add_doctor
@@ -67,6 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="command", parser_class=CommandParser)
     for add in (
         add_info,
+        add_check,
         add_modes,
         add_simulate,
         add_domain,

@@ -13,7 +13,8 @@ from ccpin.arrays import Array
 from ccpin.cli.command import MECHANISM, complete, index, nonnegative, positive
 from ccpin.cli.progress import busy
 from ccpin.control.sampling import Sampling
-from ccpin.description import FORMATS
+from ccpin.description import FORMATS, read_description
+from ccpin.description.model import MechanismDescription
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.loading.loader import load as load_mechanism
@@ -21,11 +22,9 @@ from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.plant.limits import Effort, Limits, Position, Velocity
 from ccpin.simulation.plant.motors import MotorModel
 
-_AS_LOADED = (
-    *("independent", "actuated", "locked", "free", "geometry_tolerance", "floating_base"),
-    *("format", "model", "include_root", "xacro"),
-)
-"""What `ccpin.load` calls as the options are called."""
+_WISHES = ("independent", "actuated", "locked", "free", "geometry_tolerance", "floating_base")
+_READING = ("format", "model", "include_root", "xacro")
+"""What `ccpin.load` and `read_description` call as the options are called."""
 _TURN, _DEGREES = 2 * np.pi, 720.0
 """An angle larger than the one and no larger than the other may be one in degrees."""
 _SAMPLED = (
@@ -61,10 +60,24 @@ def add_mechanism(parser: argparse.ArgumentParser, optional: bool = False) -> No
 
 def load(options: argparse.Namespace) -> Mechanism:
     """The mechanism the options name."""
-    reference, xacro_arguments = _pose(options.reference), _xacro_arguments(options.xacro_arg)
-    stated = {name: value for name in _AS_LOADED if (value := getattr(options, name)) is not None}
     with busy(options.json, f"loading {options.mechanism}"):
-        return load_mechanism(options.mechanism, reference=reference, xacro_arguments=xacro_arguments, **stated)
+        return load_mechanism(options.mechanism, **wishes(options), **_reading(options))
+
+
+def described(options: argparse.Namespace) -> MechanismDescription:
+    """What the file says, before anything is assembled."""
+    return read_description(options.mechanism, **_reading(options))
+
+
+def wishes(options: argparse.Namespace) -> dict[str, Any]:
+    """What the options say of joints and pose, as `ccpin.load` takes it."""
+    stated = {name: value for name in _WISHES if (value := getattr(options, name)) is not None}
+    return {"reference": _pose(options.reference), **stated}
+
+
+def _reading(options: argparse.Namespace) -> dict[str, Any]:
+    stated = {name: value for name in _READING if (value := getattr(options, name)) is not None}
+    return {"xacro_arguments": _xacro_arguments(options.xacro_arg), **stated}
 
 
 def _xacro_arguments(written: list[str]) -> dict[str, str]:
