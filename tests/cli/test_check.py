@@ -16,6 +16,7 @@ from ccpin.description.model import Joint, Link, LoopClosure, MechanismDescripti
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism.poses.closure_gaps import gaps
 from tests.support.places import MODELS, SHARED
+from tests.support.urdf_gaps import pinocchio_gaps
 
 FOUR_BAR = (MODELS / "four_bar.urdf").read_text(encoding="utf-8")
 
@@ -38,31 +39,6 @@ def written(tmp_path, *changes, text=FOUR_BAR):
 
 def sentences(facts, weight):
     return [finding["sentence"] for finding in facts["findings"] if finding["weight"] == weight]
-
-
-def frame_of(element):
-    """The transform of an element's <origin>, as Pinocchio has it."""
-    origin = element.find("origin")
-    xyz, rpy = ([float(x) for x in origin.get(word, "0 0 0").split()] for word in ("xyz", "rpy"))
-    return pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz))
-
-
-def pinocchio_gaps(path):
-    """Between the two frames of each <loop> where <group_state> puts the joints, by Pinocchio's own parser."""
-    root = ElementTree.parse(path).getroot()
-    model = pin.buildModelFromUrdf(str(path))
-    data, q = model.createData(), pin.neutral(model)
-    for joint in root.find("group_state").iter("joint"):
-        one = model.joints[model.getJointId(joint.get("name"))]
-        value = float(joint.get("value"))
-        q[one.idx_q : one.idx_q + one.nq] = [np.cos(value), np.sin(value)] if one.nq == 2 else [value]
-    pin.framesForwardKinematics(model, data, q)
-    found = {}
-    for loop in root.iter("loop"):
-        ends = [loop.find(word) for word in ("predecessor", "successor")]
-        a, b = (data.oMf[model.getFrameId(end.get("link"), pin.BODY)] * frame_of(end) for end in ends)
-        found[loop.get("name")] = float(np.linalg.norm(b.translation - a.translation))
-    return found
 
 
 @pytest.mark.parametrize("name", sorted(installed_models()))

@@ -28,7 +28,8 @@ def examples(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["info", "check", "modes", "simulate", "domain", "merge", "verify", "view", "convert", "doctor"]
+    "name",
+    ["new", "info", "check", "modes", "simulate", "domain", "merge", "verify", "view", "convert", "doctor", "examples"],
 )
 def test_a_command_shows_examples_that_run(name, tmp_path, monkeypatch, capsys):
     """As printed, one after another, in an empty folder."""

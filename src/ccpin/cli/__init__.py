@@ -13,8 +13,10 @@ from ccpin.cli.command import EXIT_CODES, CommandParser, add_completion
 from ccpin.cli.convert import add_convert
 from ccpin.cli.doctor import add_doctor
 from ccpin.cli.domain import add_domain
+from ccpin.cli.examples import add_examples
 from ccpin.cli.info import add_info, add_modes
 from ccpin.cli.merge import add_merge
+from ccpin.cli.new import add_new
 from ccpin.cli.paper import add_paper
 from ccpin.cli.report import add_report
 from ccpin.cli.simulate import add_simulate
@@ -67,6 +69,7 @@ def _parser() -> argparse.ArgumentParser:
     add_completion(parser)
     commands = parser.add_subparsers(dest="command", required=True, metavar="command", parser_class=CommandParser)
     for add in (
+        add_new,
         add_info,
         add_check,
         add_modes,
@@ -80,6 +83,7 @@ def _parser() -> argparse.ArgumentParser:
         add_report,
         add_paper,
         add_doctor,
+        add_examples,
     ):
         add(commands)
     return parser
