@@ -1,12 +1,13 @@
 """What a person mistypes: one line says what would be right, nothing is asked back, nothing is left behind."""
 
 import json
+import re
 
 import pytest
 
 from ccpin.cli import main
 from ccpin.cli.notes import gathered
-from tests.support.places import MODELS
+from tests.support.places import MODELS, ROOT
 
 
 def said(arguments, capsys):
@@ -139,3 +140,12 @@ def test_notes_in_the_same_words_become_one():
     ]
     assert gathered(notes[:2]) == ["joint 'j0' states no limit (so too of 'j1')"]
     assert gathered([]) == []
+
+
+def test_the_page_tells_mistakes_as_they_are_told(capsys):
+    """docs/cli.md's table, row by row."""
+    page = (ROOT / "docs/cli.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `ccpin (.+?)` \| `(.+)` \|$", page, re.MULTILINE)
+    assert len(rows) == 5
+    for typed, told in rows:
+        assert told in said(typed.split(), capsys)[1]
