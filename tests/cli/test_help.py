@@ -190,3 +190,29 @@ def test_a_piped_command_writes_its_result_alone():
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stderr == ""
     assert json.loads(done.stdout)["modes"]
+
+
+@pytest.mark.parametrize("typed", [["--help"], ["--version"], ["infoo"]])
+def test_help_waits_for_nothing(typed):
+    """What needs no computation loads nothing that computes; a misspelt command little more than that."""
+    code = f"""
+import sys
+from ccpin.cli import main
+try:
+    main({typed!r})
+except SystemExit:
+    pass
+print(sorted({{"pinocchio", "scipy", "numpy", "matplotlib"}} & set(sys.modules)), file=sys.stderr)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = done.stderr.splitlines()[-1]
+    assert loaded == "[]" or (typed == ["infoo"] and "pinocchio" not in loaded)
+
+
+def test_a_command_alone_knows_what_all_of_them_know():
+    """Called by name, a command has the parser that it has among all, and the list of commands is the same."""
+    for name in COMMANDS:
+        parser = _parser([name])
+        chosen = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+        assert chosen.choices[name].format_help() == COMMANDS[name].format_help()
+        assert parser.format_help() == _parser().format_help()

@@ -30,8 +30,7 @@ _VERDICTS = {
 
 def add_check(commands: Any) -> None:
     """The command and its options."""
-    what = "whether a file's loops close, what moves, what holds it, what is wrong (exit code 4) or doubtful (3)"
-    parser = add_command(commands, "check", what, _EXAMPLES, _check)
+    parser = add_command(commands, "check", _EXAMPLES, _check)
     add_mechanism(parser)
     drawn = "draw it: .png (closed, and as the file states it), .html (to turn about)"
     complete(parser.add_argument("--out", type=Path, metavar="FILE", help=drawn), shtab.FILE)

@@ -11,8 +11,7 @@ from typing import Any, NoReturn, TypeVar
 
 import shtab
 
-from ccpin.description.finding import installed_models
-from ccpin.description.names import choices
+from ccpin.cli.commands import COMMANDS
 
 N = TypeVar("N", int, float)
 
@@ -54,6 +53,8 @@ class CommandParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """End with exit code 2: the option that is misspelt, the choice that was meant, or an example."""
+        from ccpin.description.names import choices
+
         chosen = _CHOSEN.search(message)
         strange = self._strange_option()
         if strange is not None:
@@ -81,18 +82,26 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def add_command(
-    commands: Any, name: str, what: str, examples: str, run: Callable[[argparse.Namespace], int | None]
+    commands: Any, name: str, examples: str, run: Callable[[argparse.Namespace], int | None]
 ) -> argparse.ArgumentParser:
-    """A command: what it does, examples of it, and what runs it."""
+    """A command of `COMMANDS`: examples of it, and what runs it."""
+    what = COMMANDS[name].what
     parser: argparse.ArgumentParser = commands.add_parser(name, help=what, description=what, epilog=examples)
     parser.add_argument("--debug", action="store_true", help="show where in the program an error is raised")
     parser.set_defaults(run=run)
     return parser
 
 
-def add_completion(parser: argparse.ArgumentParser) -> None:
-    """``--print-completion``: a script for the shell; mechanisms complete to installed models and files."""
-    models = " ".join(installed_models())
+def add_completion(parser: argparse.ArgumentParser, whole: bool) -> None:
+    """``--print-completion``: a script for the shell; mechanisms complete to installed models and files.
+
+    With `whole` the parser knows all commands, so that the script may be asked for; else it is in the help only.
+    """
+    models = ""
+    if whole:
+        from ccpin.description.finding import installed_models
+
+        models = " ".join(installed_models())
     preamble = {
         "bash": f'_ccpin_mechanisms() {{ compgen -W "{models}" -- "$1"; compgen -f -- "$1"; }}',
         "zsh": f"_ccpin_mechanisms() {{ _alternative 'models:model:({models})' 'files:file:_files' }}",

@@ -17,9 +17,8 @@ from ccpin.description.formats import FORMATS
 
 def add_convert(commands: Any) -> None:
     """The command and its options."""
-    what = "write the mechanism as URDF+, SDFormat, MJCF or a toolbox robot.yaml"
     example = "example: ccpin convert rpdr --out rpdr.xml"
-    parser = add_command(commands, "convert", what, example, _convert)
+    parser = add_command(commands, "convert", example, _convert)
     add_mechanism(parser)
     written = "the file to write; .urdf, .sdf, .xml or .yaml"
     complete(parser.add_argument("--out", required=True, metavar="FILE", help=written), shtab.FILE)

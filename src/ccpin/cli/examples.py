@@ -16,10 +16,7 @@ _SOURCES = Path(__file__).resolve().parents[3]
 
 def add_examples(commands: Any) -> None:
     """The command and its options; it lists the examples of all commands that stand before it."""
-    what = "examples that run as they stand: of every command, and the scripts and how-to pages of a checkout"
-    parser = add_command(
-        commands, "examples", what, "example: ccpin examples\n         ccpin examples --json", _examples
-    )
+    parser = add_command(commands, "examples", "example: ccpin examples\n         ccpin examples --json", _examples)
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(commands=commands)
 

@@ -28,8 +28,7 @@ def add_new(commands: Any) -> None:
         f"{kind:<10}{draft.what}: " + " ".join(f"{name}={value:g}" for name, value in draft.lengths.items())
         for kind, draft in DRAFTS.items()
     )
-    what = "a URDF to start from, with loops, masses, limits and motors that its lengths suggest"
-    parser = add_command(commands, "new", what, f"kinds and their usual lengths:\n{kinds}\n{_EXAMPLES}", _new)
+    parser = add_command(commands, "new", f"kinds and their usual lengths:\n{kinds}\n{_EXAMPLES}", _new)
     parser.add_argument("kind", choices=tuple(DRAFTS), help="what to start from")
     parser.add_argument("--lengths", nargs="+", metavar="NAME=M", default=[], help="lengths in metres (default: usual)")
     out = parser.add_argument("-o", "--out", type=Path, metavar="URDF", required=True, help="the file to write")
