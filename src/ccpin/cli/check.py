@@ -78,7 +78,8 @@ def _facts(found: Soundness, couplings: int) -> dict[str, Any]:
 
 
 def _in_words(name: str, facts: dict[str, Any]) -> str:
-    ties = f"{len(facts['stated'])} loops" + (f", {facts['couplings']} couplings" if facts["couplings"] else "")
+    counted = {"loop": len(facts["stated"]), "coupling": facts["couplings"]}
+    ties = ", ".join(f"{number} {word}{'s' if number > 1 else ''}" for word, number in counted.items() if number)
     lines = [f"{name}: {'closes' if facts['closes'] else 'was not closed'} ({ties})", *_gaps(facts)]
     if facts["closes"]:
         ways = "one way" if facts["mobility"] == 1 else f"{facts['mobility']} ways"

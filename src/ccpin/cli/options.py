@@ -154,7 +154,7 @@ def _hint_at_degrees(options: argparse.Namespace, name: str, values: list[float]
     Raises:
         InvalidInputError: As radians they are outside the joints' limits, as degrees within them.
     """
-    joints = [mechanism.tree.joint(mechanism.tree.split(name)[0]) for name in mechanism.independent]
+    joints = [mechanism.tree.joint(mechanism.tree.split(each)[0]) for each in mechanism.independent]
     if len(values) != len(joints) or not all(joint.kind.angle for joint in joints):
         return
     if not _TURN < max(map(abs, values)) <= _DEGREES:

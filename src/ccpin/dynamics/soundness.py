@@ -120,7 +120,7 @@ def _of_bodies(description: MechanismDescription) -> Iterator[Finding]:
     moving = {joint.child for joint in description.joints if joint.kind != FIXED}
     light = [x.name for x in description.links if x.name in moving and not (x.inertia and x.inertia.mass > 0.0)]
     if light:
-        yield Finding("told", f"{len(light)} links that a joint moves state no mass: {_some(light)}")
+        yield Finding("told", f"without mass, though a joint moves them: {_some(light)}")
 
 
 def _of_stated_pose(description: MechanismDescription, stated: tuple[ClosureGap, ...]) -> Iterator[Finding]:
@@ -161,11 +161,11 @@ def _of_motion(mechanism: Mechanism, driven: int) -> Iterator[Finding]:
     floating = sum(joint.kind.nv for joint in mechanism.tree.joints if joint.kind.nv == 6 and joint.parent == 0)
     motors = len(mechanism.actuated)
     if driven < n - floating:
-        yield Finding("doubtful", f"{motors} motors hold {driven} of {n} freedoms: the others are held by nothing")
+        yield Finding("doubtful", f"the motors hold {driven} of {n} freedoms: the others are held by nothing")
     elif driven < n:
-        yield Finding("told", f"{motors} motors hold {driven} of {n} freedoms; the base floats")
+        yield Finding("told", f"the motors hold {driven} of {n} freedoms, and the base floats")
     if motors > driven:
-        yield Finding("told", f"{motors} motors hold {driven} freedoms: some can work against each other")
+        yield Finding("told", f"{motors} motors for {driven} freedoms: some can work against each other")
     if mobility.rows > mobility.rank:
         extra = mobility.rows - mobility.rank
         yield Finding("told", f"redundant rows: {extra} of {mobility.rows}, so that it moves for exact lengths only")
