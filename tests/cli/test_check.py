@@ -65,7 +65,7 @@ def test_a_closure_that_is_off_is_told_by_how_much(millimetres, code, tmp_path, 
     assert facts["stated"][0]["length"] == pytest.approx(1e-3 * millimetres, rel=1e-6)
     assert facts["stated"][0]["length"] == pytest.approx(pinocchio_gaps(path)["pin"], abs=1e-12)
     assert facts["assembled"][0]["length"] < 1e-10
-    told = [f"loop 'pin' is open by {millimetres:.3g} mm and 0° at the pose that the file states"]
+    told = [f"loop 'pin' is open by {millimetres:.3g} mm and 0.000° at the pose that the file states"]
     assert sentences(facts, "doubtful") == (told if code else [])
 
 

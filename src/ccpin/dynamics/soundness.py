@@ -129,7 +129,7 @@ def _of_stated_pose(description: MechanismDescription, stated: tuple[ClosureGap,
         return
     for gap in stated:
         if gap.length > _OPEN * description.size or gap.angle > _TURNED:
-            open_by = f"{1e3 * gap.length:.3g} mm and {np.degrees(gap.angle):.3g}°"
+            open_by = f"{1e3 * gap.length:.3g} mm and {np.degrees(gap.angle):.3f}°"
             yield Finding("doubtful", f"loop '{gap.name}' is open by {open_by} at the pose that the file states")
     for joint in description.joints:
         value = description.reference.get(joint.name, ())
