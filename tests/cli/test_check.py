@@ -136,6 +136,19 @@ def test_motors_are_counted_against_freedoms(actuated, code, weight, words, caps
     assert not words or any(words in sentence for sentence in sentences(facts, weight))
 
 
+def test_a_floating_base_needs_no_motor_but_a_platform_does(tmp_path, capsys):
+    """Six freedoms of a base are nobody's to hold; a platform that stands on six legs has one too many without one."""
+    code, facts = checked("rpdr", capsys, "--floating-base")
+    assert (code, facts["mobility"], facts["driven"]) == (0, 8, 2)
+    assert "the motors hold 2 of 8 freedoms, and the base floats" in sentences(facts, "told")
+    path = tmp_path / "hexapod.urdf"
+    assert main(["new", "stewart", "--out", str(path)]) == 0
+    capsys.readouterr()
+    code, facts = checked(path, capsys, "--actuated", *(f"leg{k}" for k in range(1, 6)))
+    assert code == 3
+    assert sentences(facts, "doubtful") == ["the motors hold 5 of 6 freedoms: the others are held by nothing"]
+
+
 def test_what_a_motor_holds_is_its_row_of_differences(capsys):
     """A motor on a dependent joint moves with every coordinate that σ's differences say it depends on."""
     facts = checked("rpdr", capsys, "--actuated", "joint3", "joint4")[1]

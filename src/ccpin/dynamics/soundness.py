@@ -27,9 +27,7 @@ from ccpin.mechanism.loading.reference_search import stated_pose
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.poses.closure_gaps import ClosureGap, gaps
 
-_ROUNDING = (
-    1e-9  # of the largest entry: a smaller one is none; rad or m: nearer than that to its limits a joint keeps them
-)
+_ROUNDING = 1e-9  # of the largest entry, or rad or m: less is none
 _OPEN, _TURNED = 1e-3, 1e-2  # of the mechanism's size, and rad: a stated pose more open than that is no rounded one
 _MASSLESS = 1e-13  # of the largest principal value of D, scaled to a unit diagonal: a smaller one is none
 _NAMED = 6
@@ -158,8 +156,7 @@ def _of_each_velocity(coordinates: IndependentCoordinates) -> list[str]:
 
 def _of_motion(mechanism: Mechanism, driven: int) -> Iterator[Finding]:
     mobility, n = mechanism.mobility, mechanism.n
-    floating = sum(joint.kind.nv for joint in mechanism.tree.joints if joint.kind.nv == 6 and joint.parent == 0)
-    motors = len(mechanism.actuated)
+    floating, motors = _of_the_base(mechanism), len(mechanism.actuated)
     if driven < n - floating:
         yield Finding("doubtful", f"the motors hold {driven} of {n} freedoms: the others are held by nothing")
     elif driven < n:
@@ -176,6 +173,13 @@ def _of_motion(mechanism: Mechanism, driven: int) -> Iterator[Finding]:
         )
     if _moves_no_mass(mechanism):
         yield Finding("doubtful", "some motion moves no mass: there are no equations of motion for it")
+
+
+def _of_the_base(mechanism: Mechanism) -> int:
+    """The freedoms of a base that floats: those of joints on the world which no loop has anything to do with."""
+    rows = mechanism.constraints().value(mechanism.q_reference).jacobian
+    on_world = (joint for joint in mechanism.tree.joints if joint.kind.nv == 6 and joint.parent == 0)
+    return sum(joint.kind.nv for joint in on_world if not rows[:, joint.v].any())
 
 
 def _outside(mechanism: Mechanism) -> list[str]:

@@ -369,7 +369,7 @@ def test_the_command(tmp_path, capsys):
         corners = ["--lower-deg", *map(repr, map(float, lower)), "--upper-deg", *map(repr, map(float, upper))]
         chunks = ["--checkpoint", str(tmp_path / "chunks")]
         assert main(["domain", "rpdr", "--curves", *corners, *chunks, "--save", name]) == 0
-    assert list((tmp_path / "chunks").glob("*.npz"))
+    assert list((tmp_path / "chunks").glob("*.chunk"))
     capsys.readouterr()
     assert main(["merge", *names[:2], "-o", names[2], "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
