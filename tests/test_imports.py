@@ -22,7 +22,7 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
     "simulation": ("events", "plant", "results", "integration", "studies"),
     "description": (
         ("model", "names", "rotations"),
-        ("closure_kinds", "joint_kinds"),
+        ("closure_kinds", "drafts", "joint_kinds"),
         ("checks", "elements"),
         ("changes", "mjcf", "sdf"),
         ("finding", "urdf"),

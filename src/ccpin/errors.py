@@ -83,11 +83,15 @@ class LoopNotClosedError(CcpinError):
     Attributes:
         q_free: The least open configuration found, of shape (nq,).
         errors: Residual norm of each loop of its cluster at ``q_free`` by name.
+        never: Whether it is certain that there is none, not merely that the search found none.
     """
 
-    def __init__(self, message: str, *, q_free: NDArray[np.float64], errors: dict[str, float]) -> None:
+    def __init__(
+        self, message: str, *, q_free: NDArray[np.float64], errors: dict[str, float], never: bool = False
+    ) -> None:
         self.q_free = q_free
         self.errors = errors
+        self.never = never
         super().__init__(message)
 
 

@@ -19,6 +19,7 @@ from ccpin.description.finding import installed_models
 
 COMMANDS = next(a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction)).choices
 VERDICTS = (0, 3, 4)
+JUDGES = (" domain ", " check ")
 
 
 def examples(name):
@@ -27,7 +28,8 @@ def examples(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["info", "modes", "simulate", "domain", "merge", "verify", "view", "convert", "doctor"]
+    "name",
+    ["new", "info", "check", "modes", "simulate", "domain", "merge", "verify", "view", "convert", "doctor", "examples"],
 )
 def test_a_command_shows_examples_that_run(name, tmp_path, monkeypatch, capsys):
     """As printed, one after another, in an empty folder."""
@@ -35,7 +37,7 @@ def test_a_command_shows_examples_that_run(name, tmp_path, monkeypatch, capsys):
     shown = examples(name)
     assert any(line.startswith(f"ccpin {name} ") for line in shown)
     for line in shown:
-        assert main(shlex.split(line)[1:]) in (VERDICTS if " domain " in line else (0,)), line
+        assert main(shlex.split(line)[1:]) in (VERDICTS if any(name in line for name in JUDGES) else (0,)), line
     capsys.readouterr()
     with pytest.raises(SystemExit, match="0"):
         main([name, "--help"])
@@ -188,3 +190,29 @@ def test_a_piped_command_writes_its_result_alone():
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stderr == ""
     assert json.loads(done.stdout)["modes"]
+
+
+@pytest.mark.parametrize("typed", [["--help"], ["--version"], ["infoo"]])
+def test_help_waits_for_nothing(typed):
+    """What needs no computation loads nothing that computes; a misspelt command little more than that."""
+    code = f"""
+import sys
+from ccpin.cli import main
+try:
+    main({typed!r})
+except SystemExit:
+    pass
+print(sorted({{"pinocchio", "scipy", "numpy", "matplotlib"}} & set(sys.modules)), file=sys.stderr)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = done.stderr.splitlines()[-1]
+    assert loaded == "[]" or (typed == ["infoo"] and "pinocchio" not in loaded)
+
+
+def test_a_command_alone_knows_what_all_of_them_know():
+    """Called by name, a command has the parser that it has among all, and the list of commands is the same."""
+    for name in COMMANDS:
+        parser = _parser([name])
+        chosen = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+        assert chosen.choices[name].format_help() == COMMANDS[name].format_help()
+        assert parser.format_help() == _parser().format_help()

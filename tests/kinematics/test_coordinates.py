@@ -103,7 +103,7 @@ def test_component_names_are_the_velocity(tree):
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        (("elbow",), "'elbow' is not a movable joint; the movable joints are j0, j1"),
+        (("elbow",), "'elbow' is not a movable joint; there are j0, j1"),
         (("j3:tx",), "'j3:tx': components of the spherical joint 'j3' are rx, ry, rz"),
         (("j0:rx",), "name the joint alone"),
         (("j0", "j0"), "'j0' is named twice"),

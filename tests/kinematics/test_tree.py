@@ -71,5 +71,5 @@ def test_nothing_can_be_written(tree, pickled):
 
 def test_unknown_joint(tree):
     """The message says which joints there are."""
-    with pytest.raises(InvalidInputError, match="'hip' is not a movable joint; the movable joints are root_joint, "):
+    with pytest.raises(InvalidInputError, match="'hip' is not a movable joint; there are root_joint, "):
         tree.joint("hip")

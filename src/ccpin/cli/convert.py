@@ -9,6 +9,7 @@ from typing import Any
 import shtab
 
 from ccpin.cli.command import add_command, complete
+from ccpin.cli.notes import gathered
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.description.formats import FORMATS
@@ -16,9 +17,8 @@ from ccpin.description.formats import FORMATS
 
 def add_convert(commands: Any) -> None:
     """The command and its options."""
-    what = "write the mechanism as URDF+, SDFormat, MJCF or a toolbox robot.yaml"
     example = "example: ccpin convert rpdr --out rpdr.xml"
-    parser = add_command(commands, "convert", what, example, _convert)
+    parser = add_command(commands, "convert", example, _convert)
     add_mechanism(parser)
     written = "the file to write; .urdf, .sdf, .xml or .yaml"
     complete(parser.add_argument("--out", required=True, metavar="FILE", help=written), shtab.FILE)
@@ -33,5 +33,5 @@ def _convert(options: argparse.Namespace) -> int:
         print(json.dumps({"written": options.out, "n": mechanism.n, "notes": notes}))
     else:
         print(f"{options.out} written: {mechanism.name}, n = {mechanism.n}, closed at its reference")
-        print(*(f"note: {note}" for note in notes), sep="\n", end="\n" if notes else "")
+        print(*(f"note: {note}" for note in gathered(notes)), sep="\n", end="\n" if notes else "")
     return 0

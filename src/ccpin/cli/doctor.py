@@ -25,9 +25,8 @@ _EXTRA = re.compile(r"""extra\s*==\s*["']([^"']+)""")
 
 def add_doctor(commands: Any) -> None:
     """The command and its options."""
-    help_text = "versions, cores, compiled core, compiler, browser, and a mechanism's meshes where one is named"
     example = "example: ccpin doctor delta --json"
-    parser = add_command(commands, "doctor", help_text, example, _doctor)
+    parser = add_command(commands, "doctor", example, _doctor)
     add_mechanism(parser, optional=True)
 
 

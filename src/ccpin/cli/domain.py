@@ -32,8 +32,7 @@ SHARES = ("certified", "empty", "singular", "undecided", "unreached")
 
 def add_domain(commands: Any) -> None:
     """The command and its options."""
-    what = "where the model holds: certified radii, an atlas, singular curves"
-    parser = add_command(commands, "domain", what, _EXAMPLES, _domain)
+    parser = add_command(commands, "domain", _EXAMPLES, _domain)
     add_mechanism(parser)
     add_vector(
         parser,

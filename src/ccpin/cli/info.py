@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ccpin.cli.command import add_command, count, positive
+from ccpin.cli.notes import gathered
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import progress_bar
 from ccpin.description.joint_kinds import JOINT_KINDS
@@ -23,8 +24,7 @@ _BAR = "{l_bar}{bar}| {n_fmt} of {total_fmt} starts without news, {postfix}"
 
 def add_info(commands: Any) -> None:
     """The command and its options."""
-    what = "what was loaded: sizes, mobility, joints, conditioning"
-    parser = add_command(commands, "info", what, "example: ccpin info rpdr", _info)
+    parser = add_command(commands, "info", "example: ccpin info rpdr", _info)
     add_mechanism(parser)
 
 
@@ -35,9 +35,8 @@ def _info(options: argparse.Namespace) -> None:
 
 def add_modes(commands: Any) -> None:
     """The command and its options."""
-    what = "the assembly modes over a given q"
     example = "example: ccpin modes rpdr --q-deg -100 -80"
-    parser = add_command(commands, "modes", what, example, _modes)
+    parser = add_command(commands, "modes", example, _modes)
     add_mechanism(parser)
     add_vector(parser, "q", "independent coordinates (default: the reference's)")
     parser.add_argument("--budget", type=positive, metavar="S", help="stop after so many seconds (default: no limit)")
@@ -172,7 +171,7 @@ def in_words(facts: dict[str, Any]) -> str:
         f"assembly mode   {sign[facts['assembly_mode']['sign_det_psi']]}, reference:",
         *(f"  {joint['name']}: {_value(joint)}" for joint in facts["joints"]),
         f"computed by     {facts['backend']['name']}: {facts['backend']['reason']}",
-        *(f"note: {note}" for note in facts["notes"]),
+        *(f"note: {note}" for note in gathered(facts["notes"])),
     ]
     return "\n".join(lines)
 

@@ -25,11 +25,7 @@ _FACTS = ("certified_fraction", "empty_fraction", "singular_fraction", "undecide
 
 def add_merge(commands: Any) -> None:
     """The command and its options."""
-    what = (
-        "put saved atlases, sheets, or singular curves of the parts of a region together: atlases (of one branch) and "
-        "sheets whose regions are got by halving one box, curves whose regions fill one"
-    )
-    parser = add_command(commands, "merge", what, _EXAMPLES, _merge)
+    parser = add_command(commands, "merge", _EXAMPLES, _merge)
     files = parser.add_argument("parts", type=Path, nargs="+", metavar="FILE", help="what `ccpin domain --save` wrote")
     complete(files, shtab.FILE)
     out = parser.add_argument(

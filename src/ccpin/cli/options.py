@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import Any, get_args
 
 import numpy as np
@@ -12,7 +13,8 @@ from ccpin.arrays import Array
 from ccpin.cli.command import MECHANISM, complete, index, nonnegative, positive
 from ccpin.cli.progress import busy
 from ccpin.control.sampling import Sampling
-from ccpin.description import FORMATS
+from ccpin.description import FORMATS, read_description
+from ccpin.description.model import MechanismDescription
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.loading.loader import load as load_mechanism
@@ -20,11 +22,11 @@ from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.plant.limits import Effort, Limits, Position, Velocity
 from ccpin.simulation.plant.motors import MotorModel
 
-_AS_LOADED = (
-    *("independent", "actuated", "locked", "free", "geometry_tolerance", "floating_base"),
-    *("format", "model", "include_root", "xacro"),
-)
-"""What `ccpin.load` calls as the options are called."""
+_WISHES = ("independent", "actuated", "locked", "free", "geometry_tolerance", "floating_base")
+_READING = ("format", "model", "include_root", "xacro")
+"""What `ccpin.load` and `read_description` call as the options are called."""
+_TURN, _DEGREES = 2 * np.pi, 720.0
+"""An angle larger than the one and no larger than the other may be one in degrees."""
 _SAMPLED = (
     *("encoder_counts", "velocity_cutoff_hz", "saturation", "delay_samples", "encoder_noise"),
     *("motor_lag", "motor_rate"),
@@ -58,10 +60,24 @@ def add_mechanism(parser: argparse.ArgumentParser, optional: bool = False) -> No
 
 def load(options: argparse.Namespace) -> Mechanism:
     """The mechanism the options name."""
-    reference, xacro_arguments = _pose(options.reference), _xacro_arguments(options.xacro_arg)
-    stated = {name: value for name in _AS_LOADED if (value := getattr(options, name)) is not None}
     with busy(options.json, f"loading {options.mechanism}"):
-        return load_mechanism(options.mechanism, reference=reference, xacro_arguments=xacro_arguments, **stated)
+        return load_mechanism(options.mechanism, **wishes(options), **_reading(options))
+
+
+def described(options: argparse.Namespace) -> MechanismDescription:
+    """What the file says, before anything is assembled."""
+    return read_description(options.mechanism, **_reading(options))
+
+
+def wishes(options: argparse.Namespace) -> dict[str, Any]:
+    """What the options say of joints and pose, as `ccpin.load` takes it."""
+    stated = {name: value for name in _WISHES if (value := getattr(options, name)) is not None}
+    return {"reference": _pose(options.reference), **stated}
+
+
+def _reading(options: argparse.Namespace) -> dict[str, Any]:
+    stated = {name: value for name in _READING if (value := getattr(options, name)) is not None}
+    return {"xacro_arguments": _xacro_arguments(options.xacro_arg), **stated}
 
 
 def _xacro_arguments(written: list[str]) -> dict[str, str]:
@@ -117,6 +133,7 @@ def vector(options: argparse.Namespace, name: str, mechanism: Mechanism, scalar:
         if plain is not None:
             wanted = mechanism.n if scalar else mechanism.parametrization().coordinates.nq
             _counted(f"--{name}", plain, wanted, mechanism)
+            _hint_at_degrees(options, name, plain, mechanism)
         return None if plain is None else np.array(plain, dtype=np.float64)
     for coordinate in mechanism.independent:
         joint, component = mechanism.tree.split(coordinate)
@@ -129,6 +146,26 @@ def vector(options: argparse.Namespace, name: str, mechanism: Mechanism, scalar:
             )
     _counted(f"--{name}-deg", degrees, mechanism.n, mechanism)
     return np.asarray(np.radians(degrees), dtype=np.float64)
+
+
+def _hint_at_degrees(options: argparse.Namespace, name: str, values: list[float], mechanism: Mechanism) -> None:
+    """Say that angles beyond a turn look like degrees: a note, as a joint may turn often.
+
+    Raises:
+        InvalidInputError: As radians they are outside the joints' limits, as degrees within them.
+    """
+    joints = [mechanism.tree.joint(mechanism.tree.split(each)[0]) for each in mechanism.independent]
+    if len(values) != len(joints) or not all(joint.kind.angle for joint in joints):
+        return
+    if not _TURN < max(map(abs, values)) <= _DEGREES:
+        return
+    written = " ".join(f"{value:g}" for value in values)
+    told = f"--{name} {written} is in radians: did you mean degrees, --{name}-deg {written}?"
+    lower, upper = (limits[[joint.q.start for joint in joints]] for limits in mechanism.position_limits)
+    as_radians, as_degrees = ((lower <= q) & (q <= upper) for q in (np.array(values), np.radians(values)))
+    if as_degrees.all() and not as_radians.all():
+        raise InvalidInputError(f"{told} In radians it is outside the joint limits")
+    print(f"ccpin: note: {told}", file=sys.stderr)
 
 
 def _counted(option: str, values: list[float], wanted: int, mechanism: Mechanism) -> None:

@@ -19,9 +19,8 @@ _BAR = "{l_bar}{bar}| {n_fmt} of {total_fmt} items, {postfix}"
 
 def add_paper(commands: Any) -> None:
     """The command and its options."""
-    help_text = "every equation, figure and table of the paper beside ccpin's, as one offline page"
     example = "example: ccpin paper -o paper.html"
-    parser = add_command(commands, "paper", help_text, example, _paper)
+    parser = add_command(commands, "paper", example, _paper)
     parser.add_argument("-o", "--out", type=Path, metavar="HTML", help="write the page there")
     parser.add_argument("--json", action="store_true", help="print machine-readable JSON: items, differences, errata")
 

@@ -18,9 +18,8 @@ _BAR = "{l_bar}{bar}| {postfix}"
 
 def add_report(commands: Any) -> None:
     """The command and its options."""
-    help_text = "one offline page about a mechanism: what it is, where it holds, modes, an experiment, its animation"
     example = "example: ccpin report delta -o delta.html"
-    parser = add_command(commands, "report", help_text, example, _report)
+    parser = add_command(commands, "report", example, _report)
     add_mechanism(parser)
     parser.add_argument("-o", "--out", type=Path, metavar="HTML", required=True, help="the page to write")
     add_vector(parser, "start", "where the experiment starts at rest (default: the reference)")

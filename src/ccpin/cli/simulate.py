@@ -33,8 +33,7 @@ example: ccpin simulate rpdr --goal-deg -90 -100 --out out
 
 def add_simulate(commands: Any) -> None:
     """The command and its options."""
-    what = "a set-point motion, once or in cycles, with figures and data"
-    parser = add_command(commands, "simulate", what, _EXAMPLES, _simulate)
+    parser = add_command(commands, "simulate", _EXAMPLES, _simulate)
     add_mechanism(parser)
     add_vector(parser, "start", "where the motion starts at rest (default: the reference)")
     add_vector(parser, "goal", "the set point (default: the start)")

@@ -13,8 +13,7 @@ from ccpin.cli.options import add_mechanism, load
 
 def add_studio(commands: Any) -> None:
     """The command and its options."""
-    what = "move the mechanism by hand in the browser, with map and experiments"
-    parser = add_command(commands, "studio", what, "example: ccpin studio rpdr --port 8080", _studio)
+    parser = add_command(commands, "studio", "example: ccpin studio rpdr --port 8080", _studio)
     add_mechanism(parser)
     parser.add_argument("--port", type=int, default=0, metavar="N", help="serve there (default: any free port)")
     parser.add_argument("--no-browser", action="store_true", help="serve without opening a browser")

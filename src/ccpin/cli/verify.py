@@ -23,11 +23,7 @@ _BAR = "{l_bar}{bar}| {postfix} [{elapsed}<{remaining}]"
 
 def add_verify(commands: Any) -> None:
     """The command and its options."""
-    what = (
-        "check a saved atlas or cover in ball arithmetic, by code of its own (exit code 3: a claim is not decided; "
-        "4: one is refuted)"
-    )
-    parser = add_command(commands, "verify", what, _EXAMPLES, _verify)
+    parser = add_command(commands, "verify", _EXAMPLES, _verify)
     file = parser.add_argument("certificate", type=Path, metavar="FILE", help="what `ccpin domain --save` wrote")
     complete(file, shtab.FILE)
     parser.add_argument("--model", metavar="MODEL", help="also: the closures are those of this model's file today")

@@ -26,8 +26,7 @@ example: ccpin view delta --out delta.html
 
 def add_view(commands: Any) -> None:
     """The command and its options."""
-    what = "show the mechanism, or play a trajectory, in MeshCat"
-    parser = add_command(commands, "view", what, _EXAMPLES, _view)
+    parser = add_command(commands, "view", _EXAMPLES, _view)
     add_mechanism(parser)
     played = parser.add_argument("--trajectory", type=Path, metavar="NPZ", help="a motion.npz to play")
     written = "write a page (.html), a film (.mp4, .gif) or a picture (.png) instead of serving"

@@ -34,6 +34,26 @@ def check(description: MechanismDescription) -> MechanismDescription:
     return replace(description, notes=description.notes + tuple(checker.notes))
 
 
+def principal_moments(inertia: Inertia) -> np.ndarray:
+    """The principal moments about the centre of mass, kg m², smallest first."""
+    return np.asarray(np.linalg.eigvalsh(0.5 * (inertia.rotational + inertia.rotational.T)))
+
+
+def _slack(moments: np.ndarray) -> float:
+    return 1e-6 * max(float(np.max(np.abs(moments))), 1e-12)
+
+
+def of_no_body(element: str, inertia: Inertia) -> str | None:
+    """A sentence where the principal moments violate the triangle inequality, as no distribution of mass has it."""
+    moments = principal_moments(inertia)
+    if moments[0] + moments[1] >= moments[2] - _slack(moments):
+        return None
+    return (
+        f"{element}: no body has the principal moments {', '.join(f'{m:.6g}' for m in moments)} kg m² "
+        "(the largest exceeds the sum of the other two); they are used as stated"
+    )
+
+
 class _Checker:
     """Runs the checks of one description; each method states one law."""
 
@@ -123,15 +143,11 @@ class _Checker:
         skewed = float(np.abs(inertia.rotational - inertia.rotational.T).max())
         if skewed > 1e-6 * float(np.abs(inertia.rotational).max()):
             raise self.fail(element, f"the inertia matrix is not symmetric: entries differ by {skewed:g} kg m²")
-        moments = np.linalg.eigvalsh(0.5 * (inertia.rotational + inertia.rotational.T))
-        slack = 1e-6 * max(float(np.max(np.abs(moments))), 1e-12)
-        if moments[0] < -slack:
+        moments = principal_moments(inertia)
+        if moments[0] < -_slack(moments):
             raise self.fail(element, f"the inertia matrix has the negative principal moment {moments[0]:g} kg m²")
-        if moments[0] + moments[1] < moments[2] - slack:
-            self.notes.append(
-                f"{element}: no body has the principal moments {', '.join(f'{m:.6g}' for m in moments)} kg m² "
-                "(the largest exceeds the sum of the other two); they are used as stated"
-            )
+        if (doubt := of_no_body(element, inertia)) is not None:
+            self.notes.append(doubt)
 
     def joints_are_sound(self) -> None:
         for joint in self.d.joints:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from importlib.resources import files
+from itertools import islice
 from pathlib import Path
 
+from ccpin.description.names import nearest
 from ccpin.errors import DescriptionNotFoundError
 
 _IN_A_FOLDER = ("robot.yaml", "robot.urdf", "robot.xml")
 """What is looked for in a folder, in this order: a robot.yaml is about the robot.urdf beside it."""
+_BESIDE = 1000
+"""How many names of a folder are looked through for one that was meant."""
 
 
 def installed_models() -> dict[str, Path]:
@@ -34,9 +38,18 @@ def find_file(path: str | Path) -> Path:
             return models[str(path)]
     except (OSError, ValueError, TypeError) as error:
         raise DescriptionNotFoundError(f"not a usable path: {error}", source=str(path)[:200]) from None
-    raise DescriptionNotFoundError(
-        f"no such file, and no installed model of that name (those are {', '.join(models)})", source=str(path)
-    )
+    meant = nearest(str(path), [*models, *_beside(candidate)])
+    hint = f"did you mean '{meant}'? " if meant else ""
+    known = f"no such file, and no installed model of that name; {hint}models are {', '.join(models)}"
+    raise DescriptionNotFoundError(known, source=str(path))
+
+
+def _beside(path: Path) -> list[str]:
+    """What there is in a path's folder, as the path would be written."""
+    try:
+        return [str(path.parent / other.name) for other in islice(path.parent.iterdir(), _BESIDE)]
+    except OSError:
+        return []
 
 
 def read_file(path: str | Path) -> tuple[Path, bytes]:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, skew, vector
 from ccpin.description.joint_kinds import JointKind
+from ccpin.description.names import choices
 from ccpin.description.rotations import log_bias_derivative, log_jacobian, log_jacobian_rate
 from ccpin.errors import IndependentSetError, InvalidInputError
 from ccpin.kinematics.tree import Tree, TreeJoint
@@ -124,9 +125,7 @@ class IndependentCoordinates:
     def _joint_of(self, name: str) -> TreeJoint:
         joint, component = self.tree.split(name)
         if joint not in self.tree.names:
-            raise IndependentSetError(
-                f"'{joint}' is not a movable joint; the movable joints are {', '.join(self.tree.names)}"
-            )
+            raise IndependentSetError(f"'{joint}' is not a movable joint; {choices(joint, self.tree.names)}")
         kind = self.tree.joint(joint).kind
         if component and component not in kind.components:
             known = ", ".join(kind.components) or "none: name the joint alone"

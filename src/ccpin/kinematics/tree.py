@@ -11,6 +11,7 @@ import pinocchio as pin
 from ccpin.arrays import Array, FrozenMapping, Record, frozen
 from ccpin.description.joint_kinds import FIXED, JOINT_KINDS, JointKind, split_component
 from ccpin.description.model import Joint, Link, MechanismDescription, rotation_to
+from ccpin.description.names import choices
 from ccpin.errors import DescriptionError, InvalidInputError
 from ccpin.kinematics.scratch import Scratch
 
@@ -101,7 +102,7 @@ class Tree:
             InvalidInputError: There is none.
         """
         if name not in self._numbers:
-            raise InvalidInputError(f"'{name}' is not a movable joint; the movable joints are {', '.join(self.names)}")
+            raise InvalidInputError(f"'{name}' is not a movable joint; {choices(name, self.names)}")
         return self.joints[self._numbers[name] - 1]
 
     def split(self, name: str) -> tuple[str, str]:

@@ -9,7 +9,9 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.kinematics.points import joint_poses, moved
+from ccpin.mechanism.loading.reference_search import stated_pose
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.poses.closure_gaps import gaps
 from ccpin.mechanism.wireframe import plane_of_motion
 from ccpin.pages.parts import bullets, figure, paragraphs, table
 from ccpin.plotting import COLOURS
@@ -18,6 +20,7 @@ from ccpin.plotting.style import Figure
 from ccpin.report.settings import value
 
 _OPEN = 0.1  # of the mechanism's extent: how far the ends of its loops are drawn apart
+_CLOSED = 1e-6  # m: ends nearer than that look closed
 _TURN = 1.2  # rad or m: no joint moves farther for that
 
 
@@ -94,12 +97,27 @@ def _joints(mechanism: Mechanism) -> list[tuple[str, str, str, str]]:
 
 def cut_open(mechanism: Mechanism) -> Figure:
     """The mechanism at its reference, and moved so that its loops open, their ends joined by dashed lines."""
-    opened = _opened(mechanism)
+    return _beside(mechanism, "cut open", _opened(mechanism))
+
+
+def as_stated(mechanism: Mechanism) -> Figure | None:
+    """The mechanism at its reference, and where its file states it, the ends of its loops joined by dashed lines.
+
+    ``None`` where the loops are closed there already.
+    """
+    stated = stated_pose(mechanism.tree, mechanism.description)
+    if max((gap.length for gap in gaps(mechanism.tree, mechanism.closures, stated)), default=0.0) < _CLOSED:
+        return None
+    return _beside(mechanism, "as stated", stated)
+
+
+def _beside(mechanism: Mechanism, word: str, opened: Array) -> Figure:
+    """The mechanism at its reference beside it at an open configuration."""
     drawn = plot_configuration_panels(
         mechanism,
-        [("closed", [mechanism.q_reference]), ("cut open", [opened])],
+        [("closed", [mechanism.q_reference]), (word, [opened])],
         [mechanism.title],
-        f"{mechanism.title}: closed and cut open",
+        f"{mechanism.title}: closed and {word}",
     )
     plane, axes = plane_of_motion(mechanism), drawn.axes[1]
     for loop in mechanism.constraints().loops:

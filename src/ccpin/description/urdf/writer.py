@@ -102,7 +102,8 @@ def _visual(visual: Visual) -> yourdfpy.Visual:
         geometry.sphere = yourdfpy.Sphere(*shape.size)
     else:
         geometry.mesh = yourdfpy.Mesh(shape.mesh, np.array(shape.size))
-    material = yourdfpy.Material(color=yourdfpy.Color(np.array(visual.rgba)))
+    named = "_".join(f"{part:g}" for part in visual.rgba)  # ROS and Pinocchio read no material without a name
+    material = yourdfpy.Material(name=f"rgba_{named}", color=yourdfpy.Color(np.array(visual.rgba)))
     return yourdfpy.Visual(origin=visual.placement, geometry=geometry, material=material)
 
 

@@ -156,6 +156,7 @@ def _check_across(constraints: Constraints, q_free: Array, tolerance: float) -> 
             f"(geometry tolerance {tolerance:.1e})",
             q_free=q_free,
             errors=errors,
+            never=True,
         )
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import pinocchio as pin
 
 from ccpin.description.model import MechanismDescription
+from ccpin.description.names import choices
 from ccpin.errors import IndependentSetError
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.tree import ROOT_JOINT, Tree
@@ -38,8 +39,7 @@ def choose_independent(
     motors = tuple(actuated) if actuated is not None else (description.actuated or ())
     for name in motors:
         if tree.split(name)[0] not in tree.names:
-            known = ", ".join(tree.names)
-            raise IndependentSetError(f"actuated joint '{name}' is not a movable joint; those are {known}")
+            raise IndependentSetError(f"actuated: '{name}' is not a movable joint; {choices(name, tree.names)}")
     base = (ROOT_JOINT,) if ROOT_JOINT in tree.names and tree.joint(ROOT_JOINT).kind.nv == 6 else ()
     notes: list[str] = []
     if independent is not None:

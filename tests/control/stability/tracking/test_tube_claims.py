@@ -368,6 +368,7 @@ def test_sigma_on_line_is_of_a_tube(known):
     refused(lambda: SigmaKept(own, np.array([1e-3])))
     refused(lambda: SigmaKept(own, np.array([1e-3])), known, known)
     refused(lambda: SigmaKept(own, np.array([1e-3])), known.premises[1])
+    refused(lambda: SigmaKept(own, np.array([1e-3])), fact)
     for period in ([0.0], [-1e-3], [np.nan], [np.inf], [1e-3, 1e-3]):
         refused(lambda period=period: SigmaKept(own, np.array(period)), known)
     refused(lambda: SigmaKept(changed(own, theta=own.theta + 1e-12), np.array([1e-3])), known)
@@ -395,6 +396,8 @@ def test_a_certificate_says_what_its_fact_does(known):
         assert (made.ultimate.shape, made.unit.shape) == (proof.ultimate.shape, proof.unit.shape)
     assert isinstance(proof.proved.claim, TubeKept)
     np.testing.assert_array_equal(proof.errors, proof.proved.found["bound"][:, :2])
+    np.testing.assert_array_equal(proof.error, proof.errors.max(axis=0))
+    assert np.all(proof.errors.min(axis=0) < proof.error)
     np.testing.assert_array_equal(proof.speeds, proof.proved.found["bound"][:, 2:])
     np.testing.assert_array_equal(proof.times, [*proof.proved.claim.times[:-1], np.inf])
     assert (proof.gain, proof.start) == (proof.proved.found["gain"][0], proof.proved.found["level"][0])

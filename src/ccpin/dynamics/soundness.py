@@ -1,0 +1,202 @@
+"""Whether what a file states is a mechanism: its loops close, its limits admit that, its masses are some body's.
+
+Each finding has a weight. *wrong*: no mechanism is as the file states, and the finding's numbers show it. *doubtful*:
+that is not shown, and a person has to look. *told*: worth knowing. The verdict is ``refuted`` with a finding that is
+wrong, else ``undecided`` with one that is doubtful, else ``proven``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array
+from ccpin.description.changes.reference_pose import Pose, with_reference
+from ccpin.description.checks import of_no_body
+from ccpin.description.elements.graph import without_strays
+from ccpin.description.joint_kinds import FIXED
+from ccpin.description.model import MechanismDescription
+from ccpin.dynamics.free_system import FreeSystem
+from ccpin.errors import LoopNotClosedError
+from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.kinematics.tree import build_tree
+from ccpin.mechanism.loading.loader import load
+from ccpin.mechanism.loading.reference_search import stated_pose
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.poses.closure_gaps import ClosureGap, gaps
+
+_ROUNDING = 1e-9  # of the largest entry, or rad or m: less is none
+_OPEN, _TURNED = 1e-3, 1e-2  # of the mechanism's size, and rad: a stated pose more open than that is no rounded one
+_MASSLESS = 1e-13  # of the largest principal value of D, scaled to a unit diagonal: a smaller one is none
+_NAMED = 6
+
+Weight = Literal["wrong", "doubtful", "told"]
+
+
+class Finding(NamedTuple):
+    """One thing found, in a sentence, and its weight."""
+
+    weight: Weight
+    sentence: str
+
+
+class Held(NamedTuple):
+    """What a motor acts on at the reference: the independent coordinates that its effort drives when all else rests."""
+
+    motor: str
+    joint: str
+    coordinates: tuple[str, ...]
+
+
+class Soundness(NamedTuple):
+    """What was found of a description.
+
+    Attributes:
+        stated: The closures' gaps where the file (or the caller) says the mechanism stands, before anything is moved.
+        assembled: The same after assembling, or at the least open pose found; empty where there is none to tell of.
+        mechanism: What was assembled, if the loops close.
+        held: What each motor acts on.
+        driven: How many of the n freedoms the motors hold.
+        findings: All that was found, the gravest first.
+    """
+
+    stated: tuple[ClosureGap, ...]
+    assembled: tuple[ClosureGap, ...]
+    mechanism: Mechanism | None
+    held: tuple[Held, ...]
+    driven: int
+    findings: tuple[Finding, ...]
+
+    @property
+    def verdict(self) -> str:
+        """proven, undecided or refuted."""
+        weights = {finding.weight for finding in self.findings}
+        return "refuted" if "wrong" in weights else "undecided" if "doubtful" in weights else "proven"
+
+
+def examine(
+    description: MechanismDescription, *, reference: Pose | None = None, floating_base: bool = False, **wishes: Any
+) -> Soundness:
+    """Look through a description, assemble it, and say what was found; `wishes` are further arguments of `load`.
+
+    Raises:
+        CcpinError: It cannot be loaded for another reason than that its loops do not close.
+    """
+    posed = description if reference is None else with_reference(description, reference)
+    posed = without_strays(posed, wishes.get("independent") or ())
+    tree = build_tree(posed, floating_base)
+    stated = gaps(tree, posed.closures, stated_pose(tree, posed))
+    found = [*_of_bodies(posed), *_of_stated_pose(posed, stated)]
+    if posed.actuated is None and wishes.get("actuated") is None:
+        found.append(Finding("told", "no motor is stated: the independent joints are taken to have one each"))
+    try:
+        mechanism = load(posed, floating_base=floating_base, **wishes)
+    except LoopNotClosedError as error:
+        least = error.q_free
+        assembled = gaps(tree, posed.closures, least) if np.shape(least) == (tree.model.nq,) else ()
+        found.append(Finding("wrong" if error.never else "doubtful", str(error)))
+        return Soundness(stated, assembled, None, (), 0, _sorted(found))
+    held, driven = _held(mechanism)
+    found += [*_of_motion(mechanism, driven), *(Finding("told", note) for note in mechanism.notes)]
+    assembled = gaps(mechanism.tree, mechanism.closures, mechanism.q_reference)
+    return Soundness(stated, assembled, mechanism, held, driven, _sorted(found))
+
+
+def _sorted(found: list[Finding]) -> tuple[Finding, ...]:
+    """The gravest first; a sentence once."""
+    order = ("wrong", "doubtful", "told")
+    by_sentence = {one.sentence: one for one in sorted(found, key=lambda one: -order.index(one.weight))}
+    return tuple(sorted(by_sentence.values(), key=lambda one: order.index(one.weight)))
+
+
+def _of_bodies(description: MechanismDescription) -> Iterator[Finding]:
+    for link in description.links:
+        if link.inertia is not None and (sentence := of_no_body(f"link '{link.name}'", link.inertia)):
+            yield Finding("wrong", sentence)
+    moving = {joint.child for joint in description.joints if joint.kind != FIXED}
+    light = [x.name for x in description.links if x.name in moving and not (x.inertia and x.inertia.mass > 0.0)]
+    if light:
+        yield Finding("told", f"without mass, though a joint moves them: {_some(light)}")
+
+
+def _of_stated_pose(description: MechanismDescription, stated: tuple[ClosureGap, ...]) -> Iterator[Finding]:
+    if not description.reference:
+        yield Finding("told", "no pose is stated, so the loops are closed from all joints at zero")
+        return
+    for gap in stated:
+        if gap.length > _OPEN * description.size or gap.angle > _TURNED:
+            open_by = f"{1e3 * gap.length:.3g} mm and {np.degrees(gap.angle):.3f}°"
+            yield Finding("doubtful", f"loop '{gap.name}' is open by {open_by} at the pose that the file states")
+    for joint in description.joints:
+        value = description.reference.get(joint.name, ())
+        if len(value) == 1 and not joint.lower - _ROUNDING <= value[0] <= joint.upper + _ROUNDING:
+            limits = f"{joint.lower:.4g} … {joint.upper:.4g}"
+            yield Finding("doubtful", f"joint '{joint.name}' is stated at {value[0]:.4g}, outside its limits {limits}")
+
+
+def _held(mechanism: Mechanism) -> tuple[tuple[Held, ...], int]:
+    """What ρᵀSᵀ takes each motor's effort to at the reference, and its rank: the freedoms that the motors hold."""
+    tree, here = mechanism.tree, mechanism.q_reference
+    rho = mechanism.parametrization().at(here).rho
+    motors, coordinates = (IndependentCoordinates(tree, x, here) for x in (mechanism.actuated, mechanism.independent))
+    acts, names, held = motors.jacobian(here) @ rho, _of_each_velocity(coordinates), list[Held]()
+    for motor, joint, row in zip(mechanism.motors.each, _of_each_velocity(motors), acts, strict=True):
+        moved = np.abs(row) > _ROUNDING * np.abs(row).max(initial=0.0)
+        own = dict.fromkeys(name for name, is_so in zip(names, moved, strict=True) if is_so)
+        held.append(Held(motor.name, joint, tuple(own)))
+    return tuple(held), int(np.linalg.matrix_rank(acts)) if acts.size else 0
+
+
+def _of_each_velocity(coordinates: IndependentCoordinates) -> list[str]:
+    """The coordinate's name for each of its velocities."""
+    return [part.name for part in coordinates.parts for _ in range(part.v.stop - part.v.start)]
+
+
+def _of_motion(mechanism: Mechanism, driven: int) -> Iterator[Finding]:
+    mobility, n = mechanism.mobility, mechanism.n
+    floating, motors = _of_the_base(mechanism), len(mechanism.actuated)
+    if driven < n - floating:
+        yield Finding("doubtful", f"the motors hold {driven} of {n} freedoms: the others are held by nothing")
+    elif driven < n:
+        yield Finding("told", f"the motors hold {driven} of {n} freedoms, and the base floats")
+    if motors > driven:
+        yield Finding("told", f"{motors} motors for {driven} freedoms: some can work against each other")
+    if mobility.rows > mobility.rank:
+        extra = mobility.rows - mobility.rank
+        yield Finding("told", f"redundant rows: {extra} of {mobility.rows}, so that it moves for exact lengths only")
+    outside = _outside(mechanism)
+    if outside:
+        yield Finding(
+            "doubtful", f"no pose within the limits was found: assembled it exceeds those of {_some(outside)}"
+        )
+    if _moves_no_mass(mechanism):
+        yield Finding("doubtful", "some motion moves no mass: there are no equations of motion for it")
+
+
+def _of_the_base(mechanism: Mechanism) -> int:
+    """The freedoms of a base that floats: those of joints on the world which no loop has anything to do with."""
+    rows = mechanism.constraints().value(mechanism.q_reference).jacobian
+    on_world = (joint for joint in mechanism.tree.joints if joint.kind.nv == 6 and joint.parent == 0)
+    return sum(joint.kind.nv for joint in on_world if not rows[:, joint.v].any())
+
+
+def _outside(mechanism: Mechanism) -> list[str]:
+    here, (lower, upper) = mechanism.q_reference, mechanism.position_limits
+    outside = (here < lower - _ROUNDING) | (here > upper + _ROUNDING)
+    return [joint.name for joint in mechanism.tree.joints if not joint.kind.unit and outside[joint.q].any()]
+
+
+def _moves_no_mass(mechanism: Mechanism) -> bool:
+    """Whether D = ρᵀD′ρ, its rows and columns scaled to a unit diagonal, is not positive definite at the reference."""
+    rho: Array = mechanism.parametrization().at(mechanism.q_reference).rho
+    moved = rho.T @ FreeSystem(mechanism.tree).mass_matrix(mechanism.q_reference) @ rho
+    scale = np.sqrt(np.diag(moved))
+    if not (scale > 0.0).all():
+        return True
+    return bool(np.linalg.eigvalsh(moved / np.outer(scale, scale))[0] < _MASSLESS)
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
