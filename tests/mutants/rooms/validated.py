@@ -284,6 +284,13 @@ ROOMS: tuple[Room, ...] = (
         "validated/sets/motion_tube_claim",
         ("TubeHeld.examined", "TubeHeld._places", "TubeHeld._holds", "_times", "slices_of"),
         (*_SETS, *_TUBES),
+        (
+            (
+                "require(len(premises) > 1 and type(premises[0].claim)",
+                "not asked: type(premises[0].claim)",
+                "the only kind of fact that has steps, times and samples",
+            ),
+        ),
     ),
     Room("validated/sets/set_claim", ("SetEnclosed.examined", "_sides", "_with", "_starts_of"), _SETS),
     Room(

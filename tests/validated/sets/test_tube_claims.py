@@ -15,13 +15,14 @@ from ccpin.proof.facts import NotProvedError, Unproved, prove
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly
 from ccpin.validated.arithmetic.balls import flint
 from ccpin.validated.arithmetic.tape import Tape
+from ccpin.validated.flow.motion_claim import MotionEnclosed
 from ccpin.validated.flow.step_claim import StepEnclosed, step_of
 from ccpin.validated.sets.curvature import UnboundedError
 from ccpin.validated.sets.motion_tube_claim import TubeHeld
 from ccpin.validated.sets.propagation import grow
 from ccpin.validated.sets.set_claim import SetEnclosed
 from ccpin.validated.sets.slices_claim import SlicesHeld, last_instant, last_section, marks_held
-from ccpin.validated.sets.tube_theorem import CrossSection, handed_on
+from ccpin.validated.sets.tube_theorem import CrossSection, gains_about, handed_on
 from tests.support.parabola import equations, linear, loop, parabola
 from tests.support.tubes import BITS, ONE_CELL, motion_of, slices_about, tube_about
 
@@ -99,6 +100,7 @@ MISSHAPEN = {
     "marks beyond the step": {"marks": lambda x: 2.0 * x},
     "marks before it": {"marks": lambda x: x - 2.0**-10},
     "marks without middles": {"marks": lambda x: np.nextafter(x, 1.0) * (x > 0)},
+    "a mark whose middle is none": {"marks": lambda x: np.append(x[:-1], np.nextafter(x[-1], 0.0))},
     "no slices": {name: lambda x: x[:0] for name in ("frame", "rate", "curve", "room")} | {"marks": lambda x: x[:1]},
     "frames of another size": {"frame": lambda x: x[:, :1]},
     "frames too few": {"frame": lambda x: x[1:]},
@@ -212,9 +214,11 @@ def test_premises_that_do_not_make_a_tube(held):
     other = motion_of(spring(), [0.5], [], [-0.25], 2.0**-5)
     sent = pickle.loads(pickle.dumps(two))
     assert type(sent) is Unproved
+    alone = prove(MotionEnclosed(spring(), np.zeros(0, dtype=bool), BITS), motion.premises[0])
     for premises in (
         (),
         (motion,),
+        (alone, one),
         (one, two, three),
         (motion, two, three),
         (motion, one, three),
@@ -255,11 +259,11 @@ def test_slices_begin_with_all_that_the_last_ones_end_with(held):
 
 
 def sampled():
-    """Q̈ = u with u = −2q − 3v held."""
+    """Q̈ = u with u = −2q − 3v − q² − v² held."""
     tape = Tape(3)
     q, v, u = tape.inputs
     one = loop(tape, 1, 1, [], [v, u, 0])
-    one.efforts = tape.program([q * -2 - v * 3])
+    one.efforts = tape.program([q * -2 - v * 3 - q * q - v * v])
     return equations(one)
 
 
@@ -281,6 +285,17 @@ def test_at_a_sample_the_law_is_read():
         )
     unread = prove(replace(motion.claim, sampled=np.array([False, True])), *motion.premises)
     refused(fact.claim, unread, *fact.premises[1:], match="no law")
+
+
+def test_the_gains_of_a_sample_are_those_of_its_states():
+    """Of (q, q̇) at the step's beginning, as wide as the cross-section: ∂u/∂q = −2 − 2q, ∂u/∂v = −3 − 2v."""
+    motion = motion_of(sampled(), [0.5], [], [-0.25], 2.0**-5, period=2.0**-5)
+    section = CrossSection(exactly(np.array([[1.0, 0.5], [0.0, 2.0]])), SPREAD)
+    with flint().ctx.workprec(64):
+        found = gains_about(sampled(), step_of(motion.premises[1]), section, 1)
+    np.testing.assert_allclose(found.mid, [[-3.0, -2.5]], rtol=1e-9)
+    np.testing.assert_allclose(found.rad, [[0.04, 0.08]], rtol=1e-3)
+    assert np.all(found.rad >= [[0.04, 0.08]])
 
 
 def test_a_sample_of_no_bounded_efforts():

@@ -66,8 +66,9 @@ class TubeHeld(ProvableClaim):
             NotProvedError: They leave one out, or a part of one.
         """
         steps, places, k, mark = motion.premises[1:], list[int](), 0, 0.0
+        require(len(steps) > 0, "a motion of no steps")
         for part in slices:
-            if k < len(steps) and mark == steps[k].claim.length[0]:
+            if mark == steps[k].claim.length[0]:
                 k, mark = k + 1, 0.0
             require(k < len(steps) and part.premises[0] is steps[k], "slices of other steps")
             require(part.claim.marks[0] == mark, "slices that do not follow one another")

@@ -77,9 +77,7 @@ class SlicesHeld(ProvableClaim):
             except (UnboundedError, np.linalg.LinAlgError) as refused:
                 raise NotProvedError(str(refused)) from None
         require(len(held) > 0, GROWS)
-        found = _numbers_of(held)
-        require([np.isfinite(numbers).all() for numbers in found.values()], "a tube that is not bounded")
-        return Examined(np.ones(1, dtype=np.bool_), found)
+        return Examined(np.ones(1, dtype=np.bool_), _numbers_of(held))
 
 
 def rates_are_velocities(loop: ClosedLoopEquations) -> bool:
@@ -111,9 +109,12 @@ _step = lru_cache(maxsize=2)(step_of)
 
 
 def _has_middles(marks: Array) -> bool:
-    """Whether marks rise, and the middles and halves between them are doubles."""
-    exact = ((Fraction(a), Fraction(b), Fraction(0.5 * (a + b)), Fraction(0.5 * (b - a))) for a, b in pairwise(marks))
-    return all(half > 0 and middle - half == a and middle + half == b for a, b, middle, half in exact)
+    """Whether marks rise, and the middles between them are doubles.
+
+    So are the halves then: b − a < b and b − a < a + b are multiples of what the last bits of a, b and a + b are of.
+    """
+    pairs = list(pairwise(marks.tolist()))
+    return all(a < b and 2 * Fraction(0.5 * (a + b)) == Fraction(a) + Fraction(b) for a, b in pairs)
 
 
 def _numbers_of(held: list[HeldSlice]) -> dict[str, Array]:
