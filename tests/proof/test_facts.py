@@ -133,6 +133,9 @@ STATING = {  # rooms with theorems of their own: the modules that state claims, 
     "validated/flow/step_claim.py",
     "validated/flow/motion_claim.py",
     "validated/flow/crossing_claim.py",
+    "validated/sets/slices_claim.py",
+    "validated/sets/motion_tube_claim.py",
+    "validated/sets/set_claim.py",
 }
 
 

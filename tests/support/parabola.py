@@ -94,7 +94,6 @@ def loop(tape, n_x, n, closure, field, **more):
         "wrapped": (),
         "upright": (),
         "efforts": None,
-        "gains": None,
         "turns": (),
         "left_out": None,
         "scalar": True,

@@ -42,12 +42,12 @@ def certificates(rpdr_model):
 def test_certificates_of_motions_are_copied(again, certificates):
     """Enclosures, those of sets and certificates of moves; a motion that was pickled is proved once it is replayed."""
     motion, tube, move = certificates
-    for one in (tube, move):
-        assert str(again(one)) == str(one)
-    assert again(move).verdict == move.verdict
+    assert str(again(move)) == str(move)
+    for one in (motion, tube):
+        assert str(again(one).replay()) == str(one)
+    assert again(tube).verdict == ("proven" if again(tube).covered is tube.covered else "undecided")
     same = again(motion)
     box = motion.box(0.001)
     assert all(after.contains(before) for before, after in zip(box, same.box(0.001), strict=True))
     assert same.verdict == ("proven" if same.motion is motion.motion else "undecided")
-    assert str(same.replay()) == str(motion)
     assert same.replay().motion.digest == motion.motion.digest

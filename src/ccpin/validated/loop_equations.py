@@ -14,9 +14,8 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import NamedTuple
 
-from ccpin.arrays import Array
 from ccpin.proof.digests import digest
-from ccpin.proof.facts import known, require, sealed
+from ccpin.proof.facts import known, require
 from ccpin.validated.arithmetic.balls import Ball, ball, flint
 from ccpin.validated.arithmetic.programs import Program, is_number, require_program, words
 from ccpin.validated.arithmetic.series import values
@@ -68,7 +67,6 @@ class ClosedLoopEquations:
         lyapunov: 𝒱 + V(q_d) of Theorem 3 for PD with simple gravity compensation, else ``None``.
         efforts: u(q′, q̇) of a law that is sampled and held, else ``None``. The state is then (x, q̇, u) with u′ = 0,
             and `field` and `drift` have as many outputs.
-        gains: ∂u/∂(q, q̇) of that law, of shape (n, 2n), where the motors sit on the independent joints.
         wrapped: Angles of q that the law reads on circles.
         upright: Balls whose rotation vectors enter, as coordinates or by springs.
         free: Which mechanism's motion without torque this is, whatever its coordinates; empty: another motion, or in
@@ -86,13 +84,11 @@ class ClosedLoopEquations:
     left_out: Program | None = None
     lyapunov: Program | None = None
     efforts: Program | None = None
-    gains: Array | None = None
     wrapped: tuple[Wrapped, ...] = ()
     upright: tuple[Upright, ...] = ()
     free: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "gains", sealed(self.gains))
         numbers = (self.n_x, self.n, *self.independent)
         require([type(k) is int and k >= 0 for k in numbers], "sizes and places that are none")
         require(type(self.independent) is tuple, "places that could be changed")
@@ -152,15 +148,14 @@ class ClosedLoopEquations:
 
     @property
     def sizes(self) -> Mapping[str, int]:
-        """Q, Y: of q and y; V: of q̇; X: of all numbers of a state."""
-        q, y = len(self.independent), len(self.dependent)
-        return {"Q": q, "Y": y, "V": self.n, "X": self.field.inputs}
+        """Q, Y: of q and y; V: of q̇; X: of all numbers of a state; D: of (q̇, q̈, …), what deviations of states have."""
+        q, y, states = len(self.independent), len(self.dependent), self.field.inputs
+        return {"Q": q, "Y": y, "V": self.n, "X": states, "D": self.n + states - self.n_x}
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all instructions and constants."""
-        told = {each.name: words(getattr(self, each.name)) for each in fields(self) if each.name != "gains"}
-        return digest((repr(told), self.gains))
+        return digest((repr({each.name: words(getattr(self, each.name)) for each in fields(self)}),))
 
     def at_rest(self, box: Sequence[Ball]) -> list[Ball]:
         """The configurations of a box of states, or of configurations, at rest: inputs of the programs."""

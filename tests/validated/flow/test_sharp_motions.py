@@ -24,9 +24,8 @@ from ccpin.validated.flow.step import ProvenStep, start_of
 from ccpin.validated.model.closed_loop import recorded_loop
 from ccpin.validated.sets import arrival, move
 from ccpin.validated.sets import set_enclosure as sets
-from ccpin.validated.sets.curvature import Instants
-from ccpin.validated.sets.subdivision import TOO_EARLY
-from ccpin.validated.sets.tube_theorem import TimeSlice
+from ccpin.validated.sets.instants import Instants
+from ccpin.validated.sets.subdivision import TOO_EARLY, TubesFound
 from tests.oracles import rpdr as oracle
 from tests.support.paper import GOAL, K_P, K_V, START
 from tests.support.parabola import KnownLoop, parabola
@@ -419,7 +418,7 @@ def test_levels_are_lowered_by_what_the_potential_is_off(rpdr_model):
 def cross_section(frame, bound, q=4.0, v=3.0, reach=(0.4, 0.9)):
     middle = BallArray(np.array([[q, q**0.5, v]]), np.full((1, 3), 1e-15))
     at = Instants(np.ones(1), np.full(1, 1e-9), middle, middle)
-    return TimeSlice(at, np.array(frame), None, None, None, np.array(bound), None, np.array(reach))
+    return at, np.array(frame), np.array(bound), np.array(reach)
 
 
 def test_the_highest_value_on_a_cross_section_is_attained():
@@ -431,12 +430,12 @@ def test_the_highest_value_on_a_cross_section_is_attained():
     frame, bound = np.array([[0.5, 0.1], [0.2, 1.0]]), np.array([0.25, 0.5])
     corner = np.array([4.0, 3.0]) + frame @ bound
     arriving = arrival.SetArrival(one, goal(), None, 1)
-    assert arriving._highest(cross_section(frame, bound)) == pytest.approx(0.5 * corner @ corner - 10.0, rel=1e-9)
+    assert arriving._highest(*cross_section(frame, bound)) == pytest.approx(0.5 * corner @ corner - 10.0, rel=1e-9)
     one.lyapunov = tape.program([v * y])
-    found = arriving._highest(cross_section(frame, bound))
+    found = arriving._highest(*cross_section(frame, bound))
     assert corner[0] ** 0.5 * corner[1] - 10.0 <= found < 1.05 * corner[0] ** 0.5 * corner[1] - 10.0
     with np.errstate(all="ignore"):
-        assert arriving._highest(cross_section(frame, bound, reach=(3.9, 0.1))) == np.inf
+        assert arriving._highest(*cross_section(frame, bound, reach=(3.9, 0.1))) == np.inf
 
 
 def test_a_cross_section_has_arrived_where_all_is_proved(monkeypatch):
@@ -445,7 +444,10 @@ def test_a_cross_section_has_arrived_where_all_is_proved(monkeypatch):
     monkeypatch.setattr(arrival, "unconnected", lambda *_: state.missing)
     monkeypatch.setattr(arrival.SetArrival, "_highest", lambda *_: state.highest)
     asked = arrival.SetArrival(jointed(), goal(2.0), None, 1)
-    piece = cross_section(np.eye(2), np.ones(2))
+    at, frame, bound, reach = cross_section(np.eye(2), np.ones(2))
+    monkeypatch.setattr(arrival, "last_instant", lambda _: at)
+    found = {"bound": bound[None], "reach": reach[None]}
+    piece = SimpleNamespace(claim=SimpleNamespace(frame=frame[None]), found=found)
     assert asked(piece) == ""
     assert asked.largest == 1.5
     state.highest = 0.5
@@ -576,10 +578,17 @@ def test_sets_of_moves(monkeypatch):
     asked = arrival.SetArrival(jointed(), goal(2.0), None, 1)
     asked.largest = 1.25
     parts = [SimpleNamespace(duration=t, enclosure=SimpleNamespace(start=[])) for t in (0.5, 0.75, 0.25)]
+    box = sets.Starts(np.zeros(1), np.zeros(1), np.ones(2))
+
+    def told(loop, starts, found, duration):
+        assert (starts, found.tubes, duration) == (box, parts, 0.25)
+        return None if found.missing else "a fact", found.missing
+
+    monkeypatch.setattr(move, "proved_set", told)
     monkeypatch.setattr(move, "lyapunov", lambda *_: ball(7))
     for missing, verdict, highest in (("", "proven", 1.25), ("why", "undecided", np.inf)):
-        monkeypatch.setattr(move, "cover", lambda *_, m=missing: (parts, m))
-        found = move._of_a_set(SimpleNamespace(arrived=asked, motion=SimpleNamespace(loop=jointed())), None, 4)
+        monkeypatch.setattr(move, "cover", lambda *_, m=missing: TubesFound(parts, [], [], m))
+        found = move._of_a_set(SimpleNamespace(arrived=asked, motion=SimpleNamespace(loop=jointed())), box, 4)
         assert (found.verdict, found.time, found.lyapunov, found.level) == (verdict, 0.75, highest, 2.0)
         assert found.lyapunov_start == pytest.approx(7.0)
 
@@ -624,7 +633,7 @@ def test_a_state_is_in_one_of_the_tubes():
         ([tube(0.5, -1.0)], 0.0, True), ([tube(0.5, -1.01)], 0.0, False), ([tube(1.5, 0.0), tube(0.0, 0.9)], 0.0, True),
         ([tube(0.5, -1.01)], 0.02, True), ([tube(1.03, 0.0)], 0.02, False),
     ):  # fmt: skip
-        assert sets.SetEnclosure("proven", "", tubes).contains(0.0, [0], [0], tolerance) is held
+        assert sets.SetEnclosure(tubes, None, 0.0, None).contains(0.0, [0], [0], tolerance) is held
 
 
 @pytest.mark.parametrize("spread", [0.1, (0.1, 0.2), ([0.1, 0.3], 0.2), ([0.1, 0.0], [0.2, 0.4]), (0.0, 0.2)])
@@ -648,11 +657,11 @@ def test_a_set_of_starts_as_asked(monkeypatch, rpdr_model):
     """Any width makes a set; a period is rounded up to the times that there are; friction is told."""
     jobs = []
     monkeypatch.setattr(sets, "without_dry_friction", lambda _: ", but")
-    monkeypatch.setattr(sets, "cover", lambda job, starts, parts: jobs.append(job) or ([None], ""))
+    monkeypatch.setattr(sets, "cover", lambda job, *_: jobs.append(job) or TubesFound([None], [], [], "why"))
     law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
     found = sets.enclose_set(rpdr_model, law, START, None, 0.01, spread=(1e-3, 0.0), period=0.001)
-    assert found.verdict == "proven"
-    assert found.reason == sets.told([None], "", 16)[1] + ", but"
+    assert (found.verdict, found.asked, found.covered) == ("undecided", 0.01, None)
+    assert found.reason == sets.told([None], "why", 16) + ", but"
     assert 0.001 <= jobs[0].period < 0.001 + 2.0**-40
     assert (jobs[0].period * 2.0**40).is_integer()
     assert jobs[0].motion.loop.equations.efforts is not None

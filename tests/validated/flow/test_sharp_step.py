@@ -24,7 +24,8 @@ from ccpin.validated.flow.step import (
     evaluate,
     start_of,
 )
-from ccpin.validated.sets.propagation import instants_of
+from ccpin.validated.sets.instants import instants_over
+from ccpin.validated.sets.propagation import marks_over
 
 J = np.array([[-1.0, 0.5], [-2.0, 0.25]])
 PLUS = np.array([[0.0, 0.5], [2.0, 0.25]])  # M⁺
@@ -161,21 +162,20 @@ def test_a_march_ends_when_it_is_to(duration, longest):
 
 
 def test_slices_cover_a_step_and_no_more():
-    """Of x = 3 + 2t ± 0.25 over 2⁻³ s since 5 s, in three: times, halves, the middles and what is passed over."""
+    """Of x = 3 + 2t ± 0.25 over 2⁻³ s, in three: times, halves, the middles and what is passed over."""
     units = 2**37 + 1
     step = ProvenStep(units * QUANTUM, [[ball(3.0), ball(2.0)]], 0.0, [ball(0.25)], [], 1.0, start_of([ball(0)]))
-    found = instants_of(step, 5.0, 3)
-    begin, end = found.time - 5.0 - found.half, found.time - 5.0 + found.half
+    found = instants_over(step, marks_over(step.length, 3))
+    begin, end = found.time - found.half, found.time + found.half
     assert begin[0] == 0.0
     assert end[-1] == step.length
     np.testing.assert_array_equal(begin[1:], end[:-1])
     np.testing.assert_allclose(found.half, step.length / 6, rtol=1e-9)
-    np.testing.assert_allclose(found.middle.mid[:, 0], 3.0 + 2.0 * (found.time - 5.0), rtol=1e-15)
+    np.testing.assert_allclose(found.middle.mid[:, 0], 3.0 + 2.0 * found.time, rtol=1e-15)
     np.testing.assert_allclose(found.middle.rad[:, 0], 0.25, rtol=1e-8)
-    np.testing.assert_allclose(found.during.mid[:, 0], 3.0 + 2.0 * (found.time - 5.0), rtol=1e-15)
+    np.testing.assert_allclose(found.during.mid[:, 0], 3.0 + 2.0 * found.time, rtol=1e-15)
     np.testing.assert_allclose(found.during.rad[:, 0], 0.25 + 2.0 * found.half, rtol=1e-8)
-    twice = instants_of(step, 5.0, 6)
-    assert set(begin) <= set(twice.time - 5.0 - twice.half)
+    assert set(begin) <= set(marks_over(step.length, 6))
 
 
 def test_determinants_and_their_signs():

@@ -9,23 +9,28 @@ from scipy.linalg import expm
 
 pytest.importorskip("flint")
 
+from ccpin.proof.facts import NotProvedError, prove
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly
 from ccpin.validated.arithmetic.balls import ball
 from ccpin.validated.arithmetic.exact_numbers import boxed
-from ccpin.validated.arithmetic.series import all_series
 from ccpin.validated.arithmetic.tape import Tape
 from ccpin.validated.flow.marching import StepOptions, Stuck
+from ccpin.validated.flow.motion_claim import MotionEnclosed
 from ccpin.validated.flow.motion_task import MotionAsked
 from ccpin.validated.flow.start_search import proved_start
-from ccpin.validated.flow.step import ProvenStep, WatchedField, attempt, start_of
+from ccpin.validated.flow.step import ProvenStep, start_of
 from ccpin.validated.flow.step_claim import step_of
 from ccpin.validated.sets import propagation, subdivision
 from ccpin.validated.sets import tube_theorem as tube
-from ccpin.validated.sets.curvature import Curvature, Instants, UnboundedError
-from ccpin.validated.sets.propagation import CrossSection, Cut, first_section, grow, instants_of, sampled_section
+from ccpin.validated.sets.curvature import Curvature, UnboundedError, at_middles
+from ccpin.validated.sets.instants import instants_over
+from ccpin.validated.sets.motion_tube_claim import slices_of
+from ccpin.validated.sets.propagation import Cut, first_section, grow, marks_over, sampled_section, whole_of
+from ccpin.validated.sets.slices_claim import marks_held
 from ccpin.validated.sets.subdivision import Starts, Tube, _grown, _motion, _widest, cover
-from ccpin.validated.sets.tube_theorem import SliceFrames, TimeSlice, _fitting, _stretch, _terms, advance
+from ccpin.validated.sets.tube_theorem import CrossSection, SliceFrames, _fitting, _stretch, _terms, advance
 from tests.support.parabola import equations, linear, loop, parabola
+from tests.support.tubes import BITS, motion_of, resting, tube_about
 
 pytestmark = pytest.mark.usefixtures("precise")
 
@@ -40,7 +45,7 @@ def test_g_is_what_the_theorem_says():
     A, L, M, F, Y, H = (drawn(k, 2, *[N] * (3 if k == 5 else 2)) for k in range(6))
     A, H = A + 3.0 * np.eye(N), H + H.swapaxes(2, 3)
     known = Curvature(exactly(F), BallArray(Y, np.full_like(Y, 0.01)), BallArray(H, np.full_like(H, 0.02)))
-    moving = SliceFrames(A, L, M, exactly(F))
+    moving = SliceFrames(A, L, M)
     stretch = _stretch(half, moving)
     found = _terms(half, moving, known, stretch)
     for b, t in enumerate(half):
@@ -73,7 +78,7 @@ def test_slices_too_long_for_their_frames_are_refused(row, held):
     A = np.tile(np.eye(2), (2, 1, 1))
     L = np.zeros((2, 2, 2))
     L[1, 1] = [0.25 * row, 0.75 * row]
-    moving = SliceFrames(A, L, np.zeros_like(L), exactly(L))
+    moving = SliceFrames(A, L, np.zeros_like(L))
     known = Curvature(exactly(L), exactly(L), exactly(np.zeros((2, 2, 2, 2))))
     half = np.ones(2)
     try:
@@ -82,7 +87,7 @@ def test_slices_too_long_for_their_frames_are_refused(row, held):
         assert held
     except UnboundedError:
         assert not held
-    singular = SliceFrames(np.zeros((2, 2, 2)), L, np.zeros_like(L), exactly(L))
+    singular = SliceFrames(np.zeros((2, 2, 2)), L, np.zeros_like(L))
     with pytest.raises(UnboundedError, match="thin"):
         _terms(0.1 * half, singular, known, _stretch(0.1 * half, singular))
 
@@ -111,33 +116,45 @@ STIFF, DAMP = np.array([[3.0, -1.0], [-1.0, 2.0]]), np.array([[0.4, 0.1], [0.0, 
 FLOW = np.block([[np.zeros((2, 2)), np.eye(2)], [-STIFF, -DAMP]])
 
 
-def resting(size, length, error=0.0):
-    """A step of the motion that rests at 0."""
-    zero = [ball(0)] * size
+def flowing():
+    return equations(linear(STIFF, DAMP))
+
+
+def still(length, *state):
+    """A step of a motion that does not move, with no fact."""
+    centre = [ball(x) for x in state]
     return ProvenStep(
-        length, [[ball(0), ball(0)] for _ in range(size)], 0.0, [ball(error)] * size, [zero], 1.0, start_of(zero)
+        length, [[x, ball(0)] for x in centre], 0.0, [ball(0)] * len(state), [centre], 1.0, start_of(centre)
     )
+
+
+def alone(one, step, spread):
+    """The tube over one step of the motion that rests at 0, as a fact."""
+    at_rest = np.zeros(one.n)
+    start = proved_start(one, boxed([ball(0)] * one.n, 64), np.zeros(one.n_x), at_rest, 64)
+    motion = prove(MotionEnclosed(one, np.zeros(1, dtype=bool), BITS), start, step.fact)
+    return tube_about(motion, spread)
 
 
 def test_tubes_of_linear_flows_reach_their_corners():
     """From |ξ| ≤ s the corners stay inside |z| ≤ u at all ends of slices, and nearly reach them."""
-    one, spread = linear(STIFF, DAMP), np.array([1e-2, 2e-2, 3e-2, 1e-2])
-    step = resting(4, 0.25)
-    section = first_section(one, instants_of(step, 0.0, 1), spread)
-    batches = list(grow(one, step, 0.0, section, Cut(1, np.inf)))
-    pieces = [piece for batch in batches for piece in batch]
+    one, spread = flowing(), np.array([1e-2, 2e-2, 3e-2, 1e-2])
+    step = resting(one, 0.25)
+    held = alone(one, step, spread)
+    pieces, times = slices_of(held), held.found["times"]
     corners = np.array(np.meshgrid(*[[-1.0, 1.0]] * 4)).reshape(4, -1) * spread[:, None]
     begin = 0.0
-    for piece in pieces:
-        end = piece.time + piece.instant.half[0]
-        assert piece.time - piece.instant.half[0] == begin
+    for piece, until in zip(pieces, times[1:], strict=True):
+        end = piece.time + piece.half
+        assert piece.time - piece.half == begin
+        assert end == until
         z = np.linalg.solve(piece.end.mid, expm(FLOW * end) @ corners)
         assert np.all(np.abs(z).max(axis=1) <= piece.kept * (1 + 1e-12))
         assert np.all(np.abs(z).max(axis=1) >= 0.97 * piece.kept)
         for part in (-1.0, 0.0, 0.7):
-            there = expm(FLOW * (piece.time + part * piece.instant.half[0])) @ corners
+            there = expm(FLOW * (piece.time + part * piece.half)) @ corners
             assert np.all(np.abs(there) <= piece.reach[:, None] * (1 + 1e-12))
-            tau = part * piece.instant.half[0]
+            tau = part * piece.half
             A = piece.frame @ (np.eye(4) + tau * piece.rate + 0.5 * tau**2 * piece.curve)
             assert np.all(np.abs(np.linalg.solve(A, there)) <= piece.bound[:, None])
         begin = end
@@ -148,11 +165,11 @@ def test_tubes_of_linear_flows_reach_their_corners():
 
 def test_slices_hand_on_what_they_end_with(monkeypatch):
     """Z at the next slice's beginning is |A⁺⁻¹A| times what the one before kept, slice by slice."""
-    one = linear(STIFF, DAMP)
-    step = resting(4, 0.125)
-    at = instants_of(step, 0.0, 2)
+    one = flowing()
+    at = instants_over(resting(one, 0.125), marks_over(0.125, 2))
+    middle = at_middles(one, at)
     begin = np.eye(4) + 0.1 * drawn(9, 4, 4)
-    moving = tube.frames(one, at, begin)
+    moving = propagation.frames(at, middle, begin)
     asked = []
     real = tube._fitting
 
@@ -164,7 +181,7 @@ def test_slices_hand_on_what_they_end_with(monkeypatch):
     turned = begin @ np.diag([2.0, 1.0, 0.5, 1.0])
     bound = np.array([0.01, 0.02, 0.01, 0.02])
     room = np.tile([0.1, 0.1, 0.1, 0.1], (2, 1))
-    first, second = advance(one, at, moving, (exactly(turned), bound), room, 1)
+    first, second = advance(one, at, middle.slope, moving, CrossSection(exactly(turned), bound), room, 1)
     half = at.half[0]
 
     def frame(k, tau):
@@ -178,21 +195,22 @@ def test_slices_hand_on_what_they_end_with(monkeypatch):
     np.testing.assert_allclose(first.end.mid, frame(0, half), atol=1e-12)
     stretch = np.eye(4) + half * np.abs(moving.rate[1]) + 0.5 * half**2 * np.abs(moving.curve[1])
     np.testing.assert_allclose(second.reach, np.abs(moving.frame[1]) @ stretch @ second.bound, rtol=1e-9)
-    (only,) = advance(one, at, moving, (exactly(turned), bound), np.stack([room[0], 1e-9 * room[1]]), 1)
+    less = np.stack([room[0], 1e-9 * room[1]])
+    (only,) = advance(one, at, middle.slope, moving, CrossSection(exactly(turned), bound), less, 1)
     np.testing.assert_array_equal(only.kept, first.kept)
-    assert only.time == at.time[0]
 
 
 def test_the_room_of_a_tube_is_what_its_boxes_are_for(monkeypatch):
     """|A_m||P| room is the half-width for which σ and F″ are asked."""
-    one, step = linear(STIFF, DAMP), resting(4, 0.125)
-    at = instants_of(step, 0.0, 1)
-    moving = tube.frames(one, at, np.eye(4))
+    one = flowing()
+    at = whole_of(resting(one, 0.125))
+    middle = at_middles(one, at)
+    moving = propagation.frames(at, middle, np.eye(4))
     asked = []
     real = tube.boxes
     monkeypatch.setattr(tube, "boxes", lambda *given: asked.append(given[2]) or real(*given))
     room = np.array([[0.1, 0.2, 0.3, 0.4]])
-    advance(one, at, moving, (exactly(np.eye(4)), np.full(4, 0.01)), room, 1)
+    advance(one, at, middle.slope, moving, CrossSection(exactly(np.eye(4)), np.full(4, 0.01)), room, 1)
     half = at.half[0]
     stretch = np.eye(4) + half * np.abs(moving.rate[0]) + 0.5 * half**2 * np.abs(moving.curve[0])
     np.testing.assert_allclose(asked[0][0], np.abs(moving.frame[0]) @ stretch @ room[0], rtol=1e-9)
@@ -200,15 +218,11 @@ def test_the_room_of_a_tube_is_what_its_boxes_are_for(monkeypatch):
 
 def test_curved_flows_stay_in_their_tubes():
     """F(q, v) = (v, √q v) about its own motion: starts at the corners, integrated finely."""
-    one = parabola()
-    start = start_of([ball(4.0), ball(2.0), ball(1.0)])
-    series = all_series(one.field, start.centre, 12)
-    step = attempt(WatchedField(one.field, lambda box: 1.0), start, series, 0.0625, 4)
-    assert isinstance(step, ProvenStep), step
-    spread = np.array([0.02, 0.05])
-    section = first_section(one, instants_of(step, 0.0, 1), spread)
-    pieces = [p for batch in grow(one, step, 0.0, section, Cut(2, np.inf)) for p in batch]
-    last = pieces[-1]
+    one, spread = equations(parabola()), np.array([0.02, 0.05])
+    motion = motion_of(one, [4.0], [2.0], [1.0], 0.0625)
+    length = motion.found["times"][-1]
+    assert length == 0.0625
+    last = slices_of(tube_about(motion, spread, Cut(2, np.inf)))[-1]
 
     def rate(x):
         return np.array([x[1], np.sqrt(x[0]) * x[1]])
@@ -224,7 +238,7 @@ def test_curved_flows_stay_in_their_tubes():
 
     largest = np.zeros(2)
     for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-        off = moved(np.array([4.0, 1.0]) + spread * signs, step.length) - moved(np.array([4.0, 1.0]), step.length)
+        off = moved(np.array([4.0, 1.0]) + spread * signs, length) - moved(np.array([4.0, 1.0]), length)
         largest = np.maximum(largest, np.abs(np.linalg.solve(last.end.mid, off)))
     assert np.all(largest <= last.kept)
     assert np.all(largest >= 0.9 * last.kept)
@@ -232,17 +246,20 @@ def test_curved_flows_stay_in_their_tubes():
 
 def test_first_sections_hold_the_starts():
     """|A z| over |z| ≤ bound covers the spread, thin edges made thicker; hardly more."""
-    one, at = linear(STIFF, DAMP), instants_of(resting(4, 0.125), 0.0, 1)
+    one = flowing()
+    step = resting(one, 0.125)
     for spread in (np.array([1e-2, 2e-2, 3e-2, 1e-2]), np.array([1e-2, 0.0, 1e-9, 0.5])):
-        section = first_section(one, at, spread)
+        section = first_section(one, step, spread)
         held = np.abs(section.frame.mid) @ section.bound
         assert np.all(held >= spread)
-        np.testing.assert_allclose(held, spread, rtol=1e-12)
+        np.testing.assert_allclose(held, spread, rtol=1e-12, atol=1e-30)
         assert np.linalg.cond(section.frame.mid / np.array([1.0, 1.0, 2.0, 2.0])[:, None]) < 120.0
-    assert propagation.fastest_rate(one, at) == pytest.approx(np.abs(np.linalg.eigvals(FLOW)).max(), rel=1e-9)
+    assert propagation.fastest_rate(one, whole_of(step)) == pytest.approx(
+        np.abs(np.linalg.eigvals(FLOW)).max(), rel=1e-9
+    )
     for seed in range(40):
         spread = np.abs(drawn(seed, 4))
-        section = first_section(one, at, spread)
+        section = first_section(one, step, spread)
         edges = np.diag(section.frame.mid)
         assert all(
             Fraction(e) * Fraction(b) >= Fraction(s) for e, b, s in zip(edges, section.bound, spread, strict=True)
@@ -252,48 +269,51 @@ def test_first_sections_hold_the_starts():
 @pytest.mark.parametrize("fails", [None, 1, 3])
 def test_slices_follow_one_another_however_many_are_proved_at_once(monkeypatch, fails):
     """Each batch begins where the last one ended, with its cross-section; finer slices where one fails."""
-    one, step = linear(STIFF, DAMP), resting(4, 0.25)
+    one = flowing()
+    step = resting(one, 0.25)
     asked, count = [], 0
 
-    def told(loop, part, moving, before, room, pieces):
+    def told(loop, fact, marks, section, *_):
         nonlocal count
-        asked.append((part.time - part.half, part.time + part.half, before))
+        assert (loop, fact) == (one, step.fact)
+        asked.append((marks, section))
         count += 1
-        if fails is not None and fails <= count < fails + 4 and len(part.time) < 9:
-            return []
-        found = []
-        for k in range(min(2, len(part.time))):
-            end, kept = exactly((10.0 * count + k) * np.eye(4)), np.full(4, float(count))
-            found.append(SimpleNamespace(end=end, kept=kept, instant=part.part(np.s_[k : k + 1])))
-        return found
+        if fails is not None and fails <= count < fails + 4 and len(marks) < 10:
+            raise NotProvedError("not so")
+        held = min(2, len(marks) - 1)
+        ends = np.array([(10.0 * count + k) * np.eye(4) for k in range(held)])
+        found = {"bound": np.ones((held, 4)), "kept": np.full((held, 4), float(count))}
+        return SimpleNamespace(
+            found=found | {"end": ends, "end_radius": 0.0 * ends}, claim=SimpleNamespace(marks=marks)
+        )
 
-    monkeypatch.setattr(propagation, "advance", told)
-    monkeypatch.setattr(propagation, "frames", lambda *_: None)
-    monkeypatch.setattr(propagation, "_turned", lambda frame, *_: frame)
+    monkeypatch.setattr(propagation, "_proved", told)
     monkeypatch.setattr(propagation, "growth", lambda _: 1.0)
     monkeypatch.setattr(propagation, "_AT_ONCE", 4)
     first = CrossSection(exactly(np.eye(4)), np.ones(4))
     at, last, bound, number = 0.0, first.frame, first.bound, 0
-    for batch in grow(one, step, 0.0, first, Cut(1, np.inf)):
-        (begins, _, before) = asked[-1]
-        assert begins[0] == at
-        np.testing.assert_array_equal(before[0].mid, last.mid)
-        np.testing.assert_array_equal(before[1], bound)
-        for piece in batch:
-            assert piece.instant.time[0] - piece.instant.half[0] == at
-            at = piece.instant.time[0] + piece.instant.half[0]
-            number += 1
-        last, bound = batch[-1].end, batch[-1].kept
+    for part in grow(one, step, first, Cut(1, np.inf), 64):
+        marks, before = asked[-1]
+        assert marks[0] == at
+        np.testing.assert_array_equal(before.frame.mid, last.mid)
+        np.testing.assert_array_equal(before.bound, bound)
+        at = marks_held(part)[-1]
+        number += len(part.found["bound"])
+        last, bound = exactly(part.found["end"][-1]), part.found["kept"][-1]
     assert at == step.length
     assert number > 8
 
 
 def test_tubes_that_are_not_proved_however_finely_they_are_cut(monkeypatch):
     """Nothing is told of what follows."""
-    one, step = linear(STIFF, DAMP), resting(4, 0.25)
-    monkeypatch.setattr(propagation, "advance", lambda *_: [])
+    one = flowing()
+
+    def refused(*_):
+        raise NotProvedError("the tube grows too fast")
+
+    monkeypatch.setattr(propagation, "_proved", refused)
     with pytest.raises(UnboundedError, match="too fast"):
-        list(grow(one, step, 0.0, CrossSection(exactly(np.eye(4)), np.ones(4)), Cut(1, np.inf)))
+        list(grow(one, resting(one, 0.25), CrossSection(exactly(np.eye(4)), np.ones(4)), Cut(1, np.inf), 64))
 
 
 def sampled():
@@ -307,13 +327,13 @@ def sampled():
 
 def test_sections_just_after_a_sample():
     """The efforts are those of the law: every state of the section that (q, v) allows is in the new one."""
-    one = sampled()
-    step = resting(3, 0.125)
+    one = equations(sampled())
+    step = still(0.125, 0.0, 0.0, 0.0)
     section = CrossSection(
         exactly(np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])), np.array([0.1, 0.2, 9.0])
     )
     found = sampled_section(one, step, section, Cut(1, np.inf))
-    assert propagation.fastest_rate(one, instants_of(step, 0.0, 1)) == pytest.approx(2.0, rel=1e-9)  # of s² + 3s + 2
+    assert propagation.fastest_rate(one, whole_of(step)) == pytest.approx(2.0, rel=1e-9)  # of s² + 3s + 2
     largest = np.zeros(3)
     for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         q, v = np.array([[1.0, 0.5], [0.0, 1.0]]) @ (np.array([0.1, 0.2]) * signs)
@@ -322,8 +342,8 @@ def test_sections_just_after_a_sample():
     assert np.all(largest <= found.bound * (1 + 1e-12))
     np.testing.assert_allclose(largest[:2], found.bound[:2], rtol=1e-9)
     assert found.bound[2] < 1e-9
-    curved = sampled_of_root()
-    at = resting(4, 0.125)._replace(polynomial=[[ball(c), ball(0)] for c in (4.0, 2.0, 3.0, 6.0)])
+    curved = equations(sampled_of_root())
+    at = still(0.125, 4.0, 2.0, 3.0, 6.0)
     section = CrossSection(exactly(np.eye(3)), np.array([0.1, 0.2, 9.0]))
     found = sampled_section(curved, at, section, Cut(2, np.inf))
     largest = np.zeros(3)
@@ -388,21 +408,24 @@ def proven_or_not(monkeypatch, rule):
 def test_parts_are_halved_until_they_are_proven(monkeypatch):
     """In order; with as many as are allowed, no more."""
     proven_or_not(monkeypatch, lambda box: ("proven" if box.spread[0] < 0.3 else "undecided", 0))
-    done, missing = cover(None, starts(1.0, 0.0), 4)
+    done, cut, place, missing = cover(None, starts(1.0, 0.0), 4)
     assert missing == ""
+    assert cut == [0, 0, -1, -1, 0, -1, -1]
+    assert place[:2] == [1.0, 0.5]
+    assert place[4] == 1.5
     np.testing.assert_allclose([tube.starts.q[0] for tube in done], [0.25, 0.75, 1.25, 1.75], rtol=1e-11)
-    done, missing = cover(None, starts(1.0, 0.0), 3)
+    done, *_, missing = cover(None, starts(1.0, 0.0), 3)
     assert missing == "why"
     assert len(done) <= 3
-    assert cover(None, starts(0.5, 0.0), 2)[1] == ""
-    assert cover(None, starts(0.5, 0.0), 1)[1] == "why"
+    assert cover(None, starts(0.5, 0.0), 2).missing == ""
+    assert cover(None, starts(0.5, 0.0), 1).missing == "why"
     tried = proven_or_not(monkeypatch, lambda box: ("undecided", None))
-    assert cover(None, starts(0.5, 0.0), 9)[1] == "why"
+    assert cover(None, starts(0.5, 0.0), 9).missing == "why"
     assert len(tried) == 1
     tried = proven_or_not(monkeypatch, lambda box: ("proven" if box.spread[0] < 1e-3 else "undecided", 0))
-    assert cover(None, starts(1.0, 0.0), 3)[1] == "why"
+    assert cover(None, starts(1.0, 0.0), 3).missing == "why"
     assert len(tried) == 3
-    done, missing = cover(None, starts(0.1, 0.0), 0 + 1)
+    done, *_, missing = cover(None, starts(0.1, 0.0), 0 + 1)
     assert len(done) == 1
     assert missing == "why"
 
@@ -435,7 +458,8 @@ def regular(monkeypatch):
     def told(loop, asked, motion, stopped):
         assert asked.is_of(motion)
         assert asked.duration == motion.found["times"][-1]
-        return [step_of(step) for step in motion.premises[1:]]
+        steps = [step_of(step) for step in motion.premises[1:]]
+        return SimpleNamespace(verdict="proven", motion=motion, steps=steps, loop=loop)
 
     monkeypatch.setattr(subdivision, "told_of", told)
 
@@ -450,7 +474,7 @@ def test_a_tube_of_one_box(regular):
     found, _ = _grown(job(spring(), 0.25), box)
     assert found.verdict == "proven"
     assert found.duration == 0.25
-    assert sum(step.length for step in found.enclosure) == 0.25
+    assert sum(step.length for step in found.enclosure.steps) == 0.25
     flow = np.array([[0.0, 1.0], [-4.0, -0.5]])
     last = found.slices[-1]
     for signs in ((1, 1), (1, -1)):
@@ -464,16 +488,17 @@ def test_where_a_tube_stops(regular, monkeypatch):
     box = Starts(np.array([0.5]), np.array([-0.25]), np.array([0.01, 0.02]))
     asked = []
 
-    def arrived(piece):
-        asked.append(piece.time)
-        return "" if piece.time > 0.01 else "not yet"
+    def arrived(slices):
+        asked.append(marks_held(slices)[-1])
+        return "" if asked[-1] > 0.01 else "not yet"
 
     found, across = _grown(job(spring(), 0.25, arrived), box)
     assert found.verdict == "proven"
     assert across is None
-    assert found.duration < 0.25
+    assert found.duration == found.asked == asked[-1] < 0.25
     found, across = _grown(job(spring(), 0.01, lambda piece: "not yet"), box)
-    assert (found.verdict, across) == ("undecided", _widest(box, found.slices))
+    assert (found.verdict, across) == ("undecided", _widest(box, found.held.premises[-1]))
+    assert (found.asked, found.duration) == (np.inf, 0.01 // 2.0**-40 * 2.0**-40 + 2.0**-40)
     assert "not yet" in found.reason
     found, across = _grown(job(spring(), 0.01, lambda piece: subdivision.TOO_EARLY), box)
     assert (found.verdict, across) == ("undecided", None)
@@ -516,59 +541,50 @@ def test_a_tube_of_a_sampled_loop_is_round_one_motion():
     box = Starts(np.array([0.5]), np.array([-0.25]), np.array([0.01, 0.02]))
     found, _ = _grown(job(sampled(), 2.0**-5, period=2.0**-6), box)
     assert (found.verdict, found.duration) == ("proven", 2.0**-5)
-    assert len(found.enclosure) >= 2
-
-
-def piece(time, half, frame, bound, rate=None, curve=None):
-    at = Instants(np.array([time]), np.array([half]), None, None)
-    n = len(bound)
-    zero = np.zeros((n, n))
-    return TimeSlice(
-        at,
-        np.asarray(frame),
-        zero if rate is None else rate,
-        zero if curve is None else curve,
-        None,
-        np.asarray(bound),
-        None,
-        np.asarray(bound),
-    )
+    assert len(found.enclosure.steps) >= 2
 
 
 def test_the_widest_coordinate_of_the_starts():
     """By the shares of the last cross-section's rows; none of a width of 0."""
-    last = piece(0.0, 1.0, [[1.0, 0.2], [0.1, 3.0]], [1.0, 2.0])
-    assert _widest(starts(1.0, 1.0), [last]) == 1
-    assert _widest(starts(1.0, 0.0), [last]) == 0
-    assert _widest(starts(0.0, 0.0), [last]) is None
-    tilted = piece(0.0, 1.0, [[5.0, 1.0], [1.0, 1.0]], [1.0, 1.0])
-    assert _widest(starts(1.0, 1.0), [tilted]) == 0
+
+    def slices(frame, bound):
+        claim = SimpleNamespace(frame=np.array([np.eye(2), frame, np.eye(2)]))
+        return SimpleNamespace(claim=claim, found={"bound": np.array([[9.0, 1.0], bound])})
+
+    last = slices([[1.0, 0.2], [0.1, 3.0]], [1.0, 2.0])
+    assert _widest(starts(1.0, 1.0), last) == 1
+    assert _widest(starts(1.0, 0.0), last) == 0
+    assert _widest(starts(0.0, 0.0), last) is None
+    tilted = slices([[5.0, 1.0], [1.0, 1.0]], [1.0, 1.0])
+    assert _widest(starts(1.0, 1.0), tilted) == 0
 
 
 def test_places_in_a_tube():
     """Z/u of states at times: of the slice that the time is in, with its frame at that time."""
-    rate, curve = np.array([[0.1, 0.2], [0.3, 0.4]]), np.array([[1.0, 0.0], [0.5, 2.0]])
-    slices = tuple(
-        piece(t, 0.5, np.array([[2.0, 0.5], [0.0, 1.0]]) * (1 + t), [0.5, 0.25], rate, curve) for t in (0.5, 1.5)
-    )
-    own = SimpleNamespace(equations=SimpleNamespace(independent=(0,), n_x=1))
-    enclosure = SimpleNamespace(loop=own, inputs=lambda t: [ball(3.0), ball(t)])
-    tube_found = Tube(starts(1.0, 1.0), "proven", "", enclosure, slices)
-    assert tube_found.duration == 2.0
-    for t, k in ((0.0, 0), (0.75, 0), (1.0, 1), (1.75, 1), (2.0, 1)):
-        here = slices[k]
+    one, box = equations(spring()), Starts(np.array([0.5]), np.array([-0.25]), np.array([0.01, 0.02]))
+    motion = motion_of(one, box.q, [], box.v, 2.0**-4)
+    held = tube_about(motion, box.spread)
+    own = SimpleNamespace(equations=one)
+    enclosure = SimpleNamespace(loop=own, inputs=lambda t: [ball(3.0), ball(t)], motion=motion, verdict="proven")
+    found = Tube(box, 2.0**-4, enclosure, held)
+    assert (found.verdict, found.duration) == ("proven", 2.0**-4)
+    assert len(found.slices) > 2
+    ends = held.found["times"][1:]
+    for t in (0.0, 0.011, ends[0], ends[1], 2.0**-4):
+        here = found.slices[min(sum(end <= t for end in ends), len(ends) - 1)]
         tau = t - here.time
-        A = here.frame @ (np.eye(2) + tau * rate + 0.5 * tau**2 * curve)
+        assert abs(tau) <= here.half
+        A = here.frame @ (np.eye(2) + tau * here.rate + 0.5 * tau**2 * here.curve)
         z = np.array([0.3, -0.7])
         q, v = np.array([3.0, t]) + A @ (z * here.bound)
-        np.testing.assert_allclose(tube_found.coordinates(t, [q], [v]), z, rtol=1e-12)
-        centre, reach = tube_found.box(t)
+        np.testing.assert_allclose(found.coordinates(t, [q], [v]), z, rtol=1e-10)
+        centre, reach = found.box(t)
         np.testing.assert_array_equal(centre, [3.0, t])
         np.testing.assert_array_equal(reach, here.reach)
-    for t in (-1e-9, 2.0 + 1e-9):
+    for t in (-1e-9, 2.0**-4 + 1e-9):
         with pytest.raises(subdivision.InvalidInputError, match="covered"):
-            tube_found.box(t)
-    empty = Tube(starts(1.0, 1.0), "undecided", "", enclosure, ())
-    assert empty.duration == 0.0
+            found.box(t)
+    empty = Tube(box, 2.0**-4, enclosure, None)
+    assert (empty.verdict, empty.duration, empty.slices) == ("undecided", 0.0, ())
     with pytest.raises(subdivision.InvalidInputError, match="covered"):
         empty.box(0.0)

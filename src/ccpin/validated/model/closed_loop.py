@@ -30,7 +30,6 @@ from ccpin.validated.model.recorded_coordinates import layout_of, numbers_of
 from ccpin.validated.model.recorded_forces import closure_terms, dynamic_terms, with_springs
 from ccpin.validated.model.recorded_laws import (
     efforts,
-    gains_of,
     law_terms,
     require_sampled,
     transmission,
@@ -122,7 +121,6 @@ def recorded_loop(
         left_out=tape.program([rows[k] for k in others]) if others else None,
         lyapunov=None if does.lyapunov is None else tape.program([does.lyapunov]),
         efforts=tape.program(list(wanted)) if held else None,
-        gains=gains_of(law) if across is None and held else None,
         wrapped=does.wrapped,
         upright=tuple(ball.upright for ball in balls),
         free=_freely_moved(model) if idle(law) and not turns and not others else "",

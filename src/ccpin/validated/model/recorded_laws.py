@@ -90,12 +90,6 @@ def efforts(tape: Tape, across: Table | None, force: Table) -> Table:
     return across.T @ tape.solve(across @ across.T, force[:, None])[:, 0]
 
 
-def gains_of(law: ControlLaw | None) -> Array:
-    """∂u/∂(q, q̇) of (28) where motors sit on the independent joints, of shape (n, 2n)."""
-    told = require_sampled(law)
-    return np.hstack([-told.K_p, -told.K_v])
-
-
 def require_sampled(law: ControlLaw | None) -> Statement:
     """A law that can be sampled and held.
 

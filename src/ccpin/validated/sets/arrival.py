@@ -13,6 +13,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.errors import InvalidInputError
+from ccpin.proof.facts import Fact
 from ccpin.validated.arithmetic.ball_arrays import exactly, hull, raised
 from ccpin.validated.arithmetic.balls import Ball, ball, upper
 from ccpin.validated.arithmetic.series import NotInvertibleError, values
@@ -25,8 +26,9 @@ from ccpin.validated.loop_equations import ClosedLoopEquations
 from ccpin.validated.model.closed_loop import ClosedLoop
 from ccpin.validated.sets.branch import jets_of, states_of
 from ccpin.validated.sets.curvature import UnboundedError, boxes
+from ccpin.validated.sets.instants import Instants
+from ccpin.validated.sets.slices_claim import last_instant
 from ccpin.validated.sets.subdivision import TOO_EARLY
-from ccpin.validated.sets.tube_theorem import TimeSlice
 
 RETRY = 0.9  # of a level at which nothing was proven
 _MARGIN = 1e-9  # relative: the level and the bounds it comes from are doubles
@@ -118,12 +120,14 @@ class SetArrival:
         self._loop, self.goal, self._options, self._cells = loop, goal, options, cells
         self._ask_below, self.largest = goal.level, -np.inf
 
-    def __call__(self, piece: TimeSlice) -> str:
-        """What is missing at the middle of a slice; nothing where all its states are in B₂."""
-        centre = piece.instant.middle.at(0).balls()
+    def __call__(self, slices: Fact) -> str:
+        """What is missing at the middle of the last of some slices; nothing where all its states are in B₂."""
+        instant = last_instant(slices)
+        centre = instant.middle.at(0).balls()
         if not upper(lyapunov(self._loop.equations, self.goal, centre)) < self._ask_below:
             return TOO_EARLY
-        highest = self._highest(piece)
+        bound, reach = (slices.found[name][-1] for name in ("bound", "reach"))
+        highest = self._highest(instant, slices.claim.frame[len(slices.found["bound"]) - 1], bound, reach)
         if not highest < self.goal.level:
             return "𝒱 is not below the level on the whole tube"
         missing = unconnected(self._loop, centre, self.goal, self._options)
@@ -133,20 +137,20 @@ class SetArrival:
         self._ask_below, self.largest = self.goal.level, max(self.largest, highest)
         return ""
 
-    def _highest(self, piece: TimeSlice) -> float:
+    def _highest(self, instant: Instants, frame: Array, bound: Array, reach: Array) -> float:
         """An upper bound of 𝒱 on a cross-section: 𝒱(ξ̄) + |∇𝒱 A||z| + ½ |A ᵀ𝒱″A||z||z|, 𝒱″ over a box about it."""
         loop, program = self._loop.equations, self._loop.equations.lyapunov
         assert program is not None, "laws with a set point have a Lyapunov function"
         try:
-            around = boxes(loop, piece.instant, piece.reach[None], self._cells)
+            around = boxes(loop, instant, reach[None], self._cells)
             over = jets_of(around.states, loop, program)
-            v = piece.instant.middle.at(np.s_[:, loop.n_x :])
+            v = instant.middle.at(np.s_[:, loop.n_x :])
             thin = jets_of(states_of(loop, around.centre, v), loop, program)
         except (UnboundedError, NotInvertibleError):
             return np.inf
-        frame, bound = exactly(piece.frame), piece.bound
-        first = (thin.slope @ frame).size[0, 0] @ bound
+        edges = exactly(frame)
+        first = (thin.slope @ edges).size[0, 0] @ bound
         bend = hull(over.bend, around.pieces).at((0, 0))
-        second = bound @ ((exactly(piece.frame.T) @ bend @ frame).size @ bound)
+        second = bound @ ((exactly(frame.T) @ bend @ edges).size @ bound)
         value = thin.value.at(0).balls()[0]
         return upper(value + ball(float(raised(first + raised(0.5 * second)))) - self.goal.potential)

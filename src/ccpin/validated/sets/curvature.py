@@ -8,13 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, hull, joined, raised, zeros
+from ccpin.validated.arithmetic.ball_arrays import BallArray, hull, joined, raised, zeros
 from ccpin.validated.arithmetic.balls import centre_of
 from ccpin.validated.arithmetic.jets import Jet, jets_over
 from ccpin.validated.arithmetic.programs import Program
 from ccpin.validated.arithmetic.series import NotInvertibleError
 from ccpin.validated.loop_equations import HALF_A_TURN, ClosedLoopEquations
 from ccpin.validated.sets.branch import ClosedStates, Jets, closed_boxes, jets_of, nearly_closed, states_of
+from ccpin.validated.sets.instants import Instants
 
 _POINT = 1e-15  # rad or m: the box about a q that is a point, in doubles
 _LARGER = 1.05  # than needed: room for the pieces' own boxes in it
@@ -24,26 +25,6 @@ _BRANCH = "σ is not proven to be single on a box about the tube"
 
 class UnboundedError(ArithmeticError):
     """A hypothesis about a slice that failed, in words (caught inside this package)."""
-
-
-class Instants(NamedTuple):
-    """The enclosed motion at the middles of B slices of time, and over them.
-
-    Attributes:
-        time: t_m, exact, of shape (B,).
-        half: h/2, exact, of shape (B,).
-        middle: (q′, q̇) at t_m, of shape (B, n′ + n).
-        during: (q′, q̇) over the slice, alike.
-    """
-
-    time: Array
-    half: Array
-    middle: BallArray
-    during: BallArray
-
-    def part(self, index: slice) -> Instants:
-        """Some of the slices."""
-        return Instants(self.time[index], self.half[index], self.middle.at(index), self.during.at(index))
 
 
 class StateBoxes(NamedTuple):
@@ -176,8 +157,6 @@ def feedback(loop: ClosedLoopEquations, instants: Instants, reach: Array | None,
     """
     assert loop.efforts is not None, "asked for sampled loops only"
     size, rest = 2 * loop.n, len(loop.efforts.outputs)
-    if loop.gains is not None:
-        return exactly(np.broadcast_to(loop.gains, (len(instants.time), *loop.gains.shape)))
     if reach is None:
         states = _states(loop, _middles(loop, instants), instants.middle.at(np.s_[:, loop.n_x :]), None)
         return _jets(states, loop, loop.efforts).slope.at(np.s_[:, :, :size])

@@ -35,7 +35,7 @@ from ccpin.validated.flow.start_claim import state_of
 from ccpin.validated.flow.step import ProvenStep, start_box
 from ccpin.validated.sets.arrival import RETRY, Goal, SetArrival, goal_of, lyapunov, single_valued, unconnected
 from ccpin.validated.sets.set_enclosure import checked_cut, starts_of, told
-from ccpin.validated.sets.subdivision import Starts, Tube, TubeTask, cover
+from ccpin.validated.sets.subdivision import Starts, Tube, TubeTask, cover, proved_set
 
 _NEVER = (
     "at t = {:.6g} s 𝒱 < {:.6g} J, below its value 0 at the set point, and 𝒱 never rises: the motion does not arrive"
@@ -184,10 +184,12 @@ def _of_a_set(task: TubeTask, starts: Starts, parts: int) -> MoveCertificate:
     """What is proven of a set of starts (its level is the caller's)."""
     arrival = task.arrived
     assert isinstance(arrival, SetArrival)
-    tubes, missing = cover(task, starts, parts)
-    middle = tubes[0].enclosure
-    verdict, reason = told(tubes, missing, parts)
+    found = cover(task, starts, parts)
+    tubes, middle = found.tubes, found.tubes[0].enclosure
+    covered, missing = proved_set(task.motion.loop.equations, starts, found, min(tube.duration for tube in tubes))
+    verdict: Verdict = "undecided" if covered is None else "proven"
     time = max(tube.duration for tube in tubes)
+    reason = told(tubes, missing, parts)
     if verdict == "proven":
         reason = f"in {len(tubes)} tubes all motions are in B₂ from t = {time:.6g} s on: 𝒱 < {arrival.largest:.6g} J"
     at_start = lower(lyapunov(task.motion.loop.equations, arrival.goal, middle.start))

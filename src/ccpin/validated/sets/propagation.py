@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, inverse, of_balls, raised
-from ccpin.validated.arithmetic.balls import Ball, around, ball
+from ccpin.proof.facts import Fact, NotProvedError, prove
+from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly
 from ccpin.validated.flow.marching import QUANTUM
 from ccpin.validated.flow.step import ProvenStep
 from ccpin.validated.loop_equations import ClosedLoopEquations
-from ccpin.validated.sets.curvature import Instants, UnboundedError, at_middles, feedback
-from ccpin.validated.sets.tube_theorem import TimeSlice, advance, frames
+from ccpin.validated.sets.branch import Jets
+from ccpin.validated.sets.curvature import UnboundedError, at_middles, feedback
+from ccpin.validated.sets.instants import Instants, instants_over
+from ccpin.validated.sets.slices_claim import SlicesHeld, last_section, middles_of
+from ccpin.validated.sets.tube_theorem import CrossSection, SliceFrames, gains_about, handed_on
 
 _FINE = 0.04  # slices of this over the fastest rate of the linearised flow,
 _STRIDE = 3e-3  # in which nothing moves farther from the middle, rad or m (velocities: over that rate)
@@ -31,6 +33,7 @@ _AIR = 0.05  # of the largest spread, besides: for edges that are nearly none
 _THINNEST = 0.02  # of a frame's edges, against the others
 _GROWTH = 20.0  # of what the linearised flow makes of the tube: wider ones are given up
 _PARALLEL = 60.0  # condition number of a frame's edges, from which on Lohner's frame is taken
+_HANDED = 1.0 + 1e-13  # of a bound handed on: what another machine makes of it is in it as well
 
 
 class Cut(NamedTuple):
@@ -45,18 +48,16 @@ class Cut(NamedTuple):
     longest: float
 
 
-class CrossSection(NamedTuple):
-    """A cross-section of the tube: frame A and bound of |z|."""
-
-    frame: BallArray
-    bound: Array
-
-
-def first_section(loop: ClosedLoopEquations, start: Instants, spread: Array) -> CrossSection:
+def first_section(loop: ClosedLoopEquations, step: ProvenStep, spread: Array) -> CrossSection:
     """The box of starts in a frame no edge of which is much thinner than the others, as the flow mixes them."""
-    units = _units(loop, fastest_rate(loop, start))
-    edges = np.maximum(spread, _THINNEST * units * (spread / units).max())
-    return CrossSection(exactly(np.diag(edges)), np.minimum(spread / edges * (1.0 + 1e-15), 1.0))
+    units = _units(loop, fastest_rate(loop, whole_of(step)))
+    edges = np.diag(np.maximum(spread, _THINNEST * units * (spread / units).max()))
+    return in_frame(edges, CrossSection(exactly(np.eye(len(spread))), spread))
+
+
+def in_frame(frame: Array, section: CrossSection, gains: BallArray | None = None) -> CrossSection:
+    """A cross-section in another frame, with all that it holds."""
+    return CrossSection(exactly(frame), handed_on(frame, section, gains) * _HANDED)
 
 
 def fastest_rate(loop: ClosedLoopEquations, instants: Instants) -> float:
@@ -74,67 +75,78 @@ def sampled_section(loop: ClosedLoopEquations, step: ProvenStep, section: CrossS
     its middle a frame with the columns (B, FB) and (0, ε) has ε z_u = (K − F)Bz there.
     """
     size = 2 * loop.n
-    units = _units(loop, fastest_rate(loop, instants_of(step, 0.0, 1)))
-    rows = section.frame.at(np.s_[:size])
-    begin = _turned(rows.mid[:, :size], section.bound[:size], units)
-    back = inverse(exactly(begin))
-    if back is None:
-        raise UnboundedError("the tube's cross-section is too thin in some direction for the arithmetic")
-    bound = raised((back @ rows).size @ section.bound)
-    reach = raised(rows.size @ section.bound)
-    gains = feedback(loop, beginning(step), reach, cut.pieces).at(0)
+    units, rows = _units(loop, fastest_rate(loop, whole_of(step))), section.frame.mid[:size]
+    begin = _turned(rows[:, :size], section.bound[:size], units)
+    bound = np.abs(np.linalg.solve(begin, rows)) @ section.bound
+    gains = gains_about(loop, step, section, cut.pieces)
     along = gains.mid @ begin
-    off = (gains @ exactly(begin) - exactly(along)).size
-    edges = np.maximum(_THINNEST * (np.abs(along) @ bound), off @ bound)
+    edges = np.maximum(_THINNEST * (np.abs(along) @ bound), gains.rad @ np.abs(begin) @ bound)
     frame = np.block([[begin, np.zeros((size, len(along)))], [along, np.diag(edges)]])
-    return CrossSection(exactly(frame), np.append(bound, raised(raised(off @ bound) / edges)))
+    return in_frame(frame, section, gains)
 
 
-def grow(
-    loop: ClosedLoopEquations, step: ProvenStep, since: float, section: CrossSection, cut: Cut
-) -> Iterator[list[TimeSlice]]:
-    """Batches of slices over one step of the enclosed motion.
+def grow(loop: ClosedLoopEquations, step: ProvenStep, section: CrossSection, cut: Cut, bits: int) -> Iterator[Fact]:
+    """Facts about slices over one step of the enclosed motion, from a cross-section where it begins.
 
     Raises:
         UnboundedError: The tube could not be proven on a slice; those before it were given.
     """
-    whole = instants_of(step, since, 1)
+    assert step.fact is not None, "the step of a closed loop"
+    whole = whole_of(step)
     rate = fastest_rate(loop, whole)
     moved = np.abs(whole.during.mid - whole.middle.mid)[0] + whole.during.rad[0]
     moved[loop.n_x :] /= max(rate, 1.0)
     count = math.ceil(max(step.length / cut.longest, step.length * rate / _FINE, moved.max() / _STRIDE, 1.0))
-    finest, instants = count << _FINER, instants_of(step, since, count)
+    finest, marks = count << _FINER, marks_over(step.length, count)
     batch = most = max(1, _AT_ONCE // cut.pieces**loop.n)
-    last, bound = section
     done = 0
-    while done < len(instants.time):
-        part = instants.part(np.s_[done : done + batch])
-        begin = last.mid
-        if loop.efforts is None:
-            begin = _turned(begin, bound, _units(loop, rate))
-        spread = np.abs(np.linalg.solve(begin, last.mid)) @ bound
-        room = np.tile(_ROOM * spread + _AIR * spread.max(), (len(part.time), 1))
+    while done < count:
         try:
-            with np.errstate(all="ignore"):  # what is not finite is not proven
-                found = advance(loop, part, frames(loop, part, begin), (last, bound), room, cut.pieces)
-            missing = "the tube grows too fast"
-        except (UnboundedError, np.linalg.LinAlgError) as error:
-            found, missing = [], str(error)
-        if not found and batch > 1:
-            batch //= 2
-        elif not found and count < finest:
-            count, done = 2 * count, 2 * done
-            instants = instants_of(step, since, count)
-        elif not found:
-            raise UnboundedError(missing)
-        if not found:
+            found = _proved(loop, step.fact, marks[done : done + batch + 1], section, cut, bits, rate)
+        except (NotProvedError, UnboundedError, np.linalg.LinAlgError) as error:
+            if batch > 1:
+                batch //= 2
+            elif count < finest:
+                count, done = 2 * count, 2 * done
+                marks = marks_over(step.length, count)
+            else:
+                raise UnboundedError(str(error)) from None
             continue
-        batch = min(most, 2 * len(found))
-        done += len(found)
-        last, bound = found[-1].end, found[-1].kept
+        held = len(found.found["bound"])
+        batch = min(most, 2 * held)
+        done += held
         yield found
-        if growth(found[-1]) > _GROWTH:
+        if growth(found) > _GROWTH:
             raise UnboundedError(f"the tube has grown to {_GROWTH:g} times what the linearised flow makes of it")
+        section = last_section(found)
+
+
+def _proved(
+    loop: ClosedLoopEquations, step: Fact, marks: Array, section: CrossSection, cut: Cut, bits: int, rate: float
+) -> Fact:
+    """The fact about some slices from a cross-section, in frames that are begun in it."""
+    last = section.frame.mid
+    bound = in_frame(last, section).bound
+    with np.errstate(all="ignore"):  # what is not finite is not proven
+        begin = _turned(last, bound, _units(loop, rate)) if loop.efforts is None else last
+        spread = np.abs(np.linalg.solve(begin, last)) @ bound
+        room = np.tile(_ROOM * spread + _AIR * spread.max(), (len(marks) - 1, 1))
+        moving = frames(*middles_of(loop, step, marks, bits), begin)
+    cells, precision = np.array([cut.pieces]), np.array([bits])
+    return prove(SlicesHeld(loop, marks, *moving, room, last, bound, cells, precision), step)
+
+
+def frames(instants: Instants, middle: Jets, begin: Array) -> SliceFrames:
+    """Frames that follow the linearised flow from a frame at the first slice's beginning."""
+    curve = np.einsum("bijk,bk->bij", middle.bend.mid, middle.value.mid) + middle.slope.mid @ middle.slope.mid
+    found, identity = [], np.eye(begin.shape[0])
+    for half, first, second in zip(instants.half, middle.slope.mid, curve, strict=True):
+        before, after = (identity + t * first + 0.5 * t**2 * second for t in (-half, half))
+        frame = np.linalg.solve(before, begin)
+        back = np.linalg.inv(frame)
+        found.append((frame, back @ first @ frame, back @ second @ frame))
+        begin = after @ frame
+    return SliceFrames(*(np.array(part) for part in zip(*found, strict=True)))
 
 
 def _units(loop: ClosedLoopEquations, rate: float) -> Array:
@@ -153,33 +165,18 @@ def _turned(frame: Array, bound: Array, units: Array) -> Array:
     return np.asarray(units[:, None] * orthogonal * np.maximum(widths, _THINNEST * widths.max()))
 
 
-def growth(piece: TimeSlice) -> float:
-    """How much larger a tube is than the linearised flow's image of the starts' box."""
-    return float((piece.reach / np.abs(piece.frame).sum(axis=1)).max())
+def growth(slices: Fact) -> float:
+    """How much larger a tube is than the linearised flow's image of the starts' box, at the end of slices."""
+    reach = slices.found["reach"]
+    return float((reach[-1] / np.abs(slices.claim.frame[len(reach) - 1]).sum(axis=1)).max())
 
 
-def beginning(step: ProvenStep) -> Instants:
-    """A step's first moment."""
-    at = of_balls([step.box(ball(0))])
-    return Instants(np.zeros(1), np.zeros(1), at, at)
+def whole_of(step: ProvenStep) -> Instants:
+    """A step as one slice."""
+    return instants_over(step, marks_over(step.length, 1))
 
 
-def instants_of(step: ProvenStep, since: float, count: int) -> Instants:
-    """A step as so many slices, all times multiples of 2⁻⁴¹ s and so exact; twice as many keep the cuts.
-
-    Args:
-        step: The step.
-        since: When it begins, s.
-        count: How many.
-    """
-    units = round(step.length / QUANTUM)
-    marks = [units * k // count * QUANTUM for k in range(count + 1)]
-    middle, during = list[list[Ball]](), list[list[Ball]]()
-    times, halves = list[float](), list[float]()
-    for first, last in pairwise(marks):
-        centre, half = 0.5 * (first + last), 0.5 * (last - first)
-        middle.append(step.box(ball(centre)))
-        during.append(step.box(around(ball(centre), ball(half))))
-        times.append(since + centre)
-        halves.append(half)
-    return Instants(np.array(times), np.array(halves), of_balls(middle), of_balls(during))
+def marks_over(length: float, count: int) -> Array:
+    """So many slices' ends over a length, multiples of 2⁻⁴⁰ s and so exact; twice as many keep the cuts."""
+    units = round(length / QUANTUM)
+    return np.array([units * k // count * QUANTUM for k in range(count + 1)])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,14 @@ from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.coordinates import checked_q
 from ccpin.mechanism.assumptions import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.facts import Fact
 from ccpin.proof.verdict import Judged, Verdict
 from ccpin.validated.arithmetic.balls import centre_of, flint
 from ccpin.validated.flow.marching import QUANTUM, StepOptions
 from ccpin.validated.flow.motion_task import MotionTask, exact_q, task_of, velocity
 from ccpin.validated.sets.propagation import Cut
-from ccpin.validated.sets.subdivision import Starts, Tube, TubeTask, cover
+from ccpin.validated.sets.set_claim import SetEnclosed
+from ccpin.validated.sets.subdivision import Starts, Tube, TubeTask, cover, proved_set
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -29,15 +32,49 @@ class SetEnclosure(Judged):
     """All motions from a box of starts.
 
     Attributes:
-        verdict: ``"proven"``: every motion exists, closed and nonsingular, over the time asked for, in one of the
-            tubes. ``"undecided"``: the last tube could not be proven so far, and other parts may not have been tried.
-        reason: The verdict in a sentence, with what stopped it and which argument to raise.
         tubes: Parts that cover the box, each with the starts it is about.
+        starts: The box.
+        asked: How long its motions were to be enclosed, s.
+        covered: The fact that they all are in the tubes (`ccpin.validated.sets.set_claim`), if they are.
+        stopped: What could not be proven, and which argument to raise; nothing where all was.
+        assumes: What is left out of the mechanism, in words.
     """
 
-    verdict: Verdict
-    reason: str
     tubes: tuple[Tube, ...]
+    starts: Starts
+    asked: float
+    covered: Fact | None
+    stopped: str = ""
+    assumes: str = ""
+
+    @property
+    def verdict(self) -> Verdict:
+        """``"proven"``: every motion exists, closed and nonsingular, over the time asked for, in one of the tubes.
+
+        ``"undecided"``: the last tube could not be proven so far, and other parts may not have been tried; so it is of
+        one that was pickled, until it is replayed.
+        """
+        return "proven" if covers(self.covered, self.tubes, self.starts, self.asked) else "undecided"
+
+    @property
+    def reason(self) -> str:
+        """The verdict in a sentence, with what stopped it and which argument to raise."""
+        if self.verdict == "proven":
+            return f"all motions from the set are closed and nonsingular, in {len(self.tubes)} tubes{self.assumes}"
+        stopped = self.stopped or "what was found is not proved of these motions, or was pickled and not replayed"
+        return stopped + self.assumes
+
+    def replay(self) -> SetEnclosure:
+        """The same, what was found proved once more from its data alone.
+
+        Raises:
+            NotProvedError: It does not hold.
+        """
+        if self.covered is None:
+            return replace(self, tubes=tuple(tube.replay() for tube in self.tubes))
+        covered = self.covered.replay()
+        tubes = (tube.resting_on(held) for tube, held in zip(self.tubes, covered.premises, strict=True))
+        return replace(self, tubes=tuple(tubes), covered=covered)
 
     def contains(self, t: float, q: ArrayLike, v: ArrayLike, tolerance: float = 0.0, *, effort: ArrayLike = ()) -> bool:
         """Whether a state at a time is in one of the tubes, widened by a part of its width; computed.
@@ -103,9 +140,11 @@ def enclose_set(
         tubes = TubeTask(task, cut)
         if period is not None:
             tubes = tubes._replace(period=math.ceil(positive(period, "period") / QUANTUM) * QUANTUM)
-        found, missing = cover(tubes, starts, parts)
-    verdict, reason = told(found, missing, parts)
-    return SetEnclosure(verdict, reason + without_dry_friction(model.mechanism), tuple(found))
+        found = cover(tubes, starts, parts)
+        covered, missing = proved_set(task.loop.equations, starts, found, duration)
+    stopped = "" if covered else told(found.tubes, missing, parts)
+    assumes = without_dry_friction(model.mechanism)
+    return SetEnclosure(tuple(found.tubes), starts, duration, covered, stopped, assumes)
 
 
 def checked_cut(parts: int, cells: int, longest_slice: float) -> Cut:
@@ -150,9 +189,16 @@ def starts_of(task: MotionTask, q0: ArrayLike, v0: ArrayLike | None, spread: Any
     return Starts(centre_of(centre), v, np.concatenate(widths))
 
 
-def told(tubes: list[Tube], missing: str, parts: int) -> tuple[Verdict, str]:
-    """The verdict on a set, and its reason."""
-    if not missing:
-        return "proven", f"all motions from the set are closed and nonsingular, in {len(tubes)} tubes"
-    reason = f"of at most {parts} parts {len(tubes) - 1} are proven; {missing}; more parts= or cells= may do more"
-    return "undecided", reason
+def covers(covered: Fact | None, tubes: Sequence[Tube], starts: Starts, duration: float) -> bool:
+    """Whether a fact says that tubes hold all motions from a box of starts for some seconds."""
+    if type(covered) is not Fact or type(covered.claim) is not SetEnclosed:
+        return False
+    claim = covered.claim
+    known = zip((claim.q, claim.v, claim.spread), starts, strict=True)
+    own = all(np.array_equal(*pair) for pair in known) and claim.duration[0] >= duration
+    return own and tuple(tube.known for tube in tubes) == covered.premises
+
+
+def told(tubes: list[Tube], missing: str, parts: int) -> str:
+    """What could not be proven of a set, and what to raise."""
+    return f"of at most {parts} parts {len(tubes) - 1} are proven; {missing}; more parts= or cells= may do more"

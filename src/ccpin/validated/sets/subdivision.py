@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, numbers
 from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.proof.facts import Fact, NotProvedError, prove
 from ccpin.proof.verdict import Judged, Verdict
 from ccpin.validated.arithmetic.balls import Ball, ball, centre_of
 from ccpin.validated.flow.enclosure import Enclosure, proved_motion, told_of
@@ -24,9 +25,12 @@ from ccpin.validated.flow.motion_task import MotionTask, on_circles
 from ccpin.validated.flow.proved_steps import ProvedSteps
 from ccpin.validated.flow.start_claim import state_of
 from ccpin.validated.flow.step import ProvenStep, start_box
+from ccpin.validated.loop_equations import ClosedLoopEquations
 from ccpin.validated.sets.curvature import UnboundedError
-from ccpin.validated.sets.propagation import CrossSection, Cut, first_section, grow, instants_of, sampled_section
-from ccpin.validated.sets.tube_theorem import TimeSlice
+from ccpin.validated.sets.motion_tube_claim import TimeSlice, TubeHeld, slices_of
+from ccpin.validated.sets.propagation import Cut, first_section, grow, sampled_section
+from ccpin.validated.sets.set_claim import SetEnclosed
+from ccpin.validated.sets.slices_claim import last_section
 
 TOO_EARLY = "the motion in the middle of the starts has not arrived itself"
 _COVERING = 1.0 + 1e-12  # of a half: covers its rounding, that both cover the whole
@@ -60,23 +64,74 @@ class Tube(Judged):
 
     Attributes:
         starts: The box.
-        verdict: ``"proven"``: they are all in the tube over the whole time asked for (or until they have arrived).
-            ``"undecided"``: over its slices only.
-        reason: The verdict in a sentence.
+        asked: How long they were to be followed, s: until they had arrived, where that was asked; infinite where they
+            were not found to.
         enclosure: The motion from the box's centre.
-        slices: What was proven of each slice of time, in order.
+        held: The fact that they are in the tube (`ccpin.validated.sets.motion_tube_claim`), if there is one.
+        stopped: What stopped the search, or was refused; nothing where nothing did.
     """
 
     starts: Starts
-    verdict: Verdict
-    reason: str
+    asked: float
     enclosure: Enclosure
-    slices: tuple[TimeSlice, ...]
+    held: Fact | None
+    stopped: str = ""
+
+    @property
+    def verdict(self) -> Verdict:
+        """``"proven"``: they are all in the tube over the whole time asked for, or until they have arrived.
+
+        ``"undecided"``: over its slices only; so it is of one that was pickled, until it is replayed.
+        """
+        return "proven" if self.slices and self.duration >= self.asked else "undecided"
+
+    @property
+    def reason(self) -> str:
+        """The verdict in a sentence."""
+        q, spread = self.starts.q, self.starts.spread
+        widths = ", ".join(f"{x:.3g}" for x in spread)
+        told = f"the motions within ±({widths}) of ({', '.join(f'{x:.6g}' for x in q)})"
+        if self.verdict == "proven":
+            return f"{told} are in the tube for {self.duration:.6g} s"
+        stopped = self.stopped or "what was found is not proved of these motions, or was pickled and not replayed"
+        return f"{told} are followed up to t = {self.duration:.6g} s in {len(self.slices)} slices: {stopped}"
+
+    @property
+    def known(self) -> Fact | None:
+        """The fact about the tube, if it is about these starts."""
+        if type(self.held) is not Fact or type(self.held.claim) is not TubeHeld:
+            return None
+        motion, spread = self.held.premises[0], self.held.claim.spread
+        own = self.enclosure.verdict == "proven" and self.enclosure.motion is motion
+        start = motion.premises[0].claim
+        own = own and not start.q_radius.any() and not start.q[:, 1:].any()
+        own = own and np.array_equal(start.q[:, 0], self.starts.q) and np.array_equal(start.v, self.starts.v)
+        return self.held if own and bool(np.all(self.starts.spread <= spread)) else None
+
+    @property
+    def slices(self) -> tuple[TimeSlice, ...]:
+        """What is proven of each slice of time, in order."""
+        return () if self.known is None else slices_of(self.known)
 
     @property
     def duration(self) -> float:
         """How far the tube is proven, s."""
-        return self.slices[-1].time + float(self.slices[-1].instant.half[0]) if self.slices else 0.0
+        return 0.0 if self.known is None else float(self.known.found["times"][-1])
+
+    def replay(self) -> Tube:
+        """The same, what was found proved once more from its data alone.
+
+        Raises:
+            NotProvedError: It does not hold.
+        """
+        return self if self.held is None else self.resting_on(self.held.replay())
+
+    def resting_on(self, held: Fact) -> Tube:
+        """The same, of another fact."""
+        asked = self.enclosure.asked
+        assert asked is not None, "what has a fact was asked for"
+        enclosure = told_of(self.enclosure.loop, asked, held.premises[0], self.enclosure.stopped)
+        return replace(self, enclosure=enclosure, held=held)
 
     def coordinates(self, t: float, q: ArrayLike, v: ArrayLike, effort: ArrayLike = ()) -> Array:
         """Z/u of a state at a time, of shape (N,), computed: in the tube all are within ±1.
@@ -106,14 +161,15 @@ class Tube(Judged):
         return np.concatenate([state[list(loop.independent)], state[loop.n_x :]])
 
     def _slice(self, t: float) -> TimeSlice:
-        if not (self.slices and 0.0 <= t <= self.duration):
+        known = self.known
+        if known is None or not 0.0 <= t <= self.duration:
             raise InvalidInputError(f"t = {t} s is not covered: the tube reaches from 0 to {self.duration:.9g} s")
-        ends = [piece.time + float(piece.instant.half[0]) for piece in self.slices]
-        return self.slices[min(int(np.searchsorted(ends, t, side="right")), len(ends) - 1)]
+        ends = known.found["times"][1:]
+        return slices_of(known)[min(int(np.searchsorted(ends, t, side="right")), len(ends) - 1)]
 
 
-Arrived = Callable[[TimeSlice], str]
-"""Whether the motions of a slice need not be followed further: an empty string, or what is missing."""
+Arrived = Callable[[Fact], str]
+"""Whether motions need not be followed beyond the slices of a fact: an empty string, or what is missing."""
 
 
 class TubeTask(NamedTuple):
@@ -132,18 +188,52 @@ class TubeTask(NamedTuple):
     period: float = math.inf
 
 
-def cover(task: TubeTask, starts: Starts, parts: int) -> tuple[list[Tube], str]:
-    """Tubes for a box of starts, of at most so many parts, and what could not be proven of one (nothing: all is)."""
-    waiting, done = [starts], list[Tube]()
+class TubesFound(NamedTuple):
+    """What `cover` found.
+
+    Attributes:
+        tubes: Tubes, of which the last is not proven where something is missing.
+        cut: Across which coordinates the box and its parts were cut, as `SetEnclosed` has it.
+        place: Where.
+        missing: What could not be proven of a part; nothing where all is.
+    """
+
+    tubes: list[Tube]
+    cut: list[int]
+    place: list[float]
+    missing: str
+
+
+def cover(task: TubeTask, starts: Starts, parts: int) -> TubesFound:
+    """Tubes for a box of starts, of at most so many parts."""
+    waiting, found = [starts], TubesFound([], [], [], "")
     while waiting:
         tube, across = _grown(task, waiting.pop())
-        if tube.verdict == "proven":
-            done.append(tube)
-        elif len(done) + len(waiting) + 2 <= parts and across is not None:
+        done = tube.verdict == "proven"
+        if not done and (across is None or len(found.tubes) + len(waiting) + 2 > parts):
+            return found._replace(tubes=[*found.tubes, tube], missing=tube.reason)
+        found.cut.append(-1 if done or across is None else across)
+        found.place.append(float(np.append(tube.starts.q, tube.starts.v)[found.cut[-1]]))
+        if done:
+            found.tubes.append(tube)
+        elif across is not None:
             waiting.extend(reversed(tube.starts.halves(across)))
-        else:
-            return [*done, tube], tube.reason
-    return done, ""
+    return found
+
+
+def proved_set(
+    loop: ClosedLoopEquations, starts: Starts, found: TubesFound, duration: float
+) -> tuple[Fact | None, str]:
+    """The fact that tubes hold all motions from a box of starts for some seconds, or what is missing."""
+    if found.missing:
+        return None, found.missing
+    facts = [tube.known for tube in found.tubes]
+    cut, place = np.array(found.cut, dtype=np.int64), np.array(found.place)
+    try:
+        claim = SetEnclosed(loop, *starts, np.array([duration]), cut, place)
+        return prove(claim, *(fact for fact in facts if fact is not None)), ""
+    except NotProvedError as refused:
+        return None, str(refused)
 
 
 def _grown(task: TubeTask, starts: Starts) -> tuple[Tube, int | None]:
@@ -154,14 +244,18 @@ def _grown(task: TubeTask, starts: Starts) -> tuple[Tube, int | None]:
         start = motion.start(asked)
     except CcpinError as error:
         raise type(error)(f"at the start {starts.q.tolist()}: {error}") from None
-    steps, slices, section = list[ProvenStep](), list[TimeSlice](), None
-    since, missing, samples = 0.0, "", list[int]()
+    steps, slices, section = list[ProvenStep](), list[Fact](), None
+    missing, samples = "", list[int]()
 
-    def tube() -> Tube:
+    def tube(arrived: bool = False) -> Tube:
         proved, refused = proved_motion(loop, start, steps, samples, motion.precision)
         reached = float(proved.found["times"][-1])
         enclosure = told_of(motion.loop, asked._replace(duration=reached), proved, refused)
-        return _tube(starts, enclosure, slices, missing or refused)
+        held, other = _held(loop, proved, slices, starts.spread, task) if slices and not refused else (None, refused)
+        end = motion.duration if task.arrived is None else math.inf
+        if arrived:
+            end = 0.0 if held is None else float(held.found["times"][-1])
+        return Tube(starts, end, enclosure, held, missing or other)
 
     for step, sampled in _motion(task, state_of(start).balls()):
         if not isinstance(step, ProvenStep):
@@ -169,23 +263,32 @@ def _grown(task: TubeTask, starts: Starts) -> tuple[Tube, int | None]:
             break
         samples += [len(steps)] if sampled else []
         steps.append(step)
-        if section is None:
-            section = first_section(loop, instants_of(step, 0.0, 1), starts.spread)
         try:
+            section = first_section(loop, step, starts.spread) if section is None else section
             section = sampled_section(loop, step, section, task.cut) if sampled else section
-            for batch in grow(loop, step, since, section, task.cut):
-                slices.extend(batch)
-                section = CrossSection(batch[-1].end, batch[-1].kept)
-                missing = task.arrived(batch[-1]) if task.arrived else ""
+            for batch in grow(loop, step, section, task.cut, motion.precision):
+                slices.append(batch)
+                section = last_section(batch)
+                missing = task.arrived(batch) if task.arrived else ""
                 if task.arrived and not missing:
-                    return tube(), None
+                    return tube(arrived=True), None
         except UnboundedError as error:
             missing = str(error)
             break
-        since += step.length
-    across = _widest(starts, slices) if slices else int(starts.spread.argmax())
+    across = _widest(starts, slices[-1]) if slices else int(starts.spread.argmax())
     across = None if missing == TOO_EARLY else across  # smaller parts do not help
     return tube(), across
+
+
+def _held(
+    loop: ClosedLoopEquations, motion: Fact, slices: Sequence[Fact], spread: Array, task: TubeTask
+) -> tuple[Fact | None, str]:
+    """The fact that slices make a tube, or what is refused."""
+    cells, bits = np.array([task.cut.pieces]), np.array([task.motion.precision])
+    try:
+        return prove(TubeHeld(loop, spread, cells, bits), motion, *slices), ""
+    except NotProvedError as refused:
+        return None, str(refused)
 
 
 def _motion(task: TubeTask, start: Sequence[Ball]) -> Iterator[tuple[ProvenStep | Stuck, bool]]:
@@ -202,19 +305,9 @@ def _motion(task: TubeTask, start: Sequence[Ball]) -> Iterator[tuple[ProvenStep 
             sampled, since, state = False, since + step.length, start_box(step.end)
 
 
-def _tube(starts: Starts, enclosure: Enclosure, slices: list[TimeSlice], missing: str) -> Tube:
-    reached = slices[-1].time + float(slices[-1].instant.half[0]) if slices else 0.0
-    widths = ", ".join(f"{x:.3g}" for x in starts.spread)
-    told = f"the motions within ±({widths}) of ({', '.join(f'{x:.6g}' for x in starts.q)})"
-    if missing:
-        reason = f"{told} are followed up to t = {reached:.6g} s in {len(slices)} slices: {missing}"
-        return Tube(starts, "undecided", reason, enclosure, tuple(slices))
-    return Tube(starts, "proven", f"{told} are in the tube for {reached:.6g} s", enclosure, tuple(slices))
-
-
-def _widest(starts: Starts, slices: Sequence[TimeSlice]) -> int | None:
+def _widest(starts: Starts, slices: Fact) -> int | None:
     """The coordinate of the starts that makes most of the tube's last cross-section."""
-    last = slices[-1]
-    edges = np.abs(last.frame) * last.bound
+    bound = slices.found["bound"]
+    edges = np.abs(slices.claim.frame[len(bound) - 1]) * bound[-1]
     shares = (edges / edges.sum(axis=1, keepdims=True)).sum(axis=0)[: len(starts.spread)] * (starts.spread > 0.0)
     return int(shares.argmax()) if shares.max() > 0.0 else None

@@ -11,48 +11,46 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, inverse, raised
+from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, inverse, joined, raised
+from ccpin.validated.flow.step import ProvenStep
 from ccpin.validated.loop_equations import ClosedLoopEquations
-from ccpin.validated.sets.curvature import Curvature, Instants, UnboundedError, at_middles, boxes, curvature_over
+from ccpin.validated.sets.curvature import Curvature, UnboundedError, boxes, curvature_over, feedback
+from ccpin.validated.sets.instants import Instants, beginning
 
 _TIGHT = 1e-7  # of an image, above it: 3 asks for a strict inequality
 _TRIES = 60  # images, each begun a little above the one before
+_THIN = "the tube's cross-section is too thin in some direction for the arithmetic"
 
 
 class SliceFrames(NamedTuple):
-    """What the tube is written in: A_m, L, M of each slice, doubles, and F′ at its middle, of shape (B, N, N)."""
+    """What the tube is written in: A_m, L, M of each slice, doubles of shape (B, N, N)."""
 
     frame: Array
     rate: Array
     curve: Array
-    slope: BallArray
 
 
-class TimeSlice(NamedTuple):
-    """A slice of the tube, proven.
+class CrossSection(NamedTuple):
+    """A cross-section of the tube: frame A, of shape (N, N), and bound of |z|."""
+
+    frame: BallArray
+    bound: Array
+
+
+class HeldSlice(NamedTuple):
+    """What is proven of a slice.
 
     Attributes:
-        instant: The slice, alone (B = 1).
-        frame, rate, curve: A_m, L, M, of shape (N, N).
-        end: A at the slice's end, of shape (N, N).
         bound: u, of shape (N,).
         kept: z₀ + hGu, of shape (N,).
         reach: Half-widths |A_m||P|u of the tube about ξ̄, of shape (N,).
+        end: A at the slice's end, of shape (N, N).
     """
 
-    instant: Instants
-    frame: Array
-    rate: Array
-    curve: Array
-    end: BallArray
     bound: Array
     kept: Array
     reach: Array
-
-    @property
-    def time(self) -> float:
-        """t_m in seconds."""
-        return float(self.instant.time[0])
+    end: BallArray
 
 
 class _TubeTerms(NamedTuple):
@@ -64,33 +62,47 @@ class _TubeTerms(NamedTuple):
     end: BallArray
 
 
-def frames(loop: ClosedLoopEquations, instants: Instants, begin: Array) -> SliceFrames:
-    """Frames that follow the linearised flow from a frame at the first slice's beginning: chosen, not proven.
+def handed_on(frame: Array, section: CrossSection, gains: BallArray | None = None) -> Array:
+    """Bounds of |z| in another frame of all that a cross-section holds: |A⁺⁻¹A||z|.
+
+    At a sample deviations (e, e_u) of (q, q̇) and the efforts become (e, Ke).
+
+    Args:
+        frame: A⁺, of shape (N, N).
+        section: The cross-section; before the first slice of (q, q̇) alone.
+        gains: K, of shape (motors, 2n), at a sample.
 
     Raises:
-        UnboundedError: The closed loop is not proven regular at the middles.
+        UnboundedError: A⁺ is nearly singular.
     """
-    middle = at_middles(loop, instants)
-    curve = np.einsum("bijk,bk->bij", middle.bend.mid, middle.value.mid) + middle.slope.mid @ middle.slope.mid
-    found, identity = [], np.eye(begin.shape[0])
-    for half, first, second in zip(instants.half, middle.slope.mid, curve, strict=True):
-        before, after = (identity + t * first + 0.5 * t**2 * second for t in (-half, half))
-        frame = np.linalg.solve(before, begin)
-        back = np.linalg.inv(frame)
-        found.append((frame, back @ first @ frame, back @ second @ frame))
-        begin = after @ frame
-    chosen = (np.array(part) for part in zip(*found, strict=True))
-    return SliceFrames._make([*chosen, middle.slope])
+    held, back = section.frame, inverse(exactly(frame))
+    if back is None:
+        raise UnboundedError(_THIN)
+    if gains is not None:
+        states = held.at(np.s_[: gains.mid.shape[1]])
+        held = joined(states, gains @ states)
+    return raised((back @ held).size @ section.bound)
+
+
+def gains_about(loop: ClosedLoopEquations, step: ProvenStep, section: CrossSection, cells: int) -> BallArray:
+    """The range of ∂u/∂(q, q̇) over a cross-section where a step of a sampled loop begins.
+
+    Raises:
+        UnboundedError: The motors' efforts are not proven to exist there.
+    """
+    reach = raised(section.frame.at(np.s_[: 2 * loop.n]).size @ section.bound)
+    return feedback(loop, beginning(step), reach, cells).at(0)
 
 
 def advance(
     loop: ClosedLoopEquations,
     instants: Instants,
+    slope: BallArray,
     moving: SliceFrames,
-    before: tuple[BallArray, Array],
+    before: CrossSection,
     room: Array,
-    pieces: int,
-) -> list[TimeSlice]:
+    cells: int,
+) -> list[HeldSlice]:
     """The slices proven, in order, up to the first whose tube does not fit into the room for it.
 
     The theorem's 1 is `boxes`, its 2 `_terms`, its 3 `_fitting`.
@@ -98,19 +110,20 @@ def advance(
     Args:
         loop: The closed loop.
         instants: B slices.
+        slope: F′ at their middles, of shape (B, N, N).
         moving: Their frames.
-        before: A and the bound of |z| at the first slice's beginning.
+        before: The cross-section at the first slice's beginning.
         room: The bounds of |z| for which σ and F″ are bounded on the slices, of shape (B, N).
-        pieces: Into how many intervals each coordinate of a cross-section is cut.
+        cells: Into how many intervals each coordinate of a cross-section is cut.
 
     Raises:
         UnboundedError: σ, ψ_q′ or D is not proven regular on boxes with that room.
     """
     stretch = _stretch(instants.half, moving)
     wide = raised(np.abs(moving.frame) @ (stretch @ room[:, :, None]))[:, :, 0]
-    around = boxes(loop, instants, wide, pieces)
-    terms = _terms(instants.half, moving, curvature_over(loop, instants, moving.slope, around), stretch)
-    last, bound, found = *before, list[TimeSlice]()
+    around = boxes(loop, instants, wide, cells)
+    terms = _terms(instants.half, moving, curvature_over(loop, instants, slope, around), stretch)
+    (last, bound), found = before, list[HeldSlice]()
     for k in range(len(room)):
         turned = inverse(terms.begin.at(k))
         if turned is None:
@@ -120,9 +133,9 @@ def advance(
         if fitting is None:
             break
         inside, bound = fitting
-        last, (frame, rate, curve) = terms.end.at(k), (x[k] for x in moving[:3])
-        reach = raised(np.abs(frame) @ (stretch[k] @ inside))
-        found.append(TimeSlice(instants.part(np.s_[k : k + 1]), frame, rate, curve, last, inside, bound, reach))
+        last = terms.end.at(k)
+        reach = raised(np.abs(moving.frame[k]) @ (stretch[k] @ inside))
+        found.append(HeldSlice(inside, bound, reach, last))
     return found
 
 
@@ -153,12 +166,12 @@ def _terms(half: Array, moving: SliceFrames, known: Curvature, stretch: Array) -
         UnboundedError: A slice is too long for its frame, or the frame nearly singular.
     """
     time, size = half[:, None, None], moving.frame.shape[-1]
-    frame, rate, curve, t = (exactly(x) for x in (*moving[:3], time))
+    frame, rate, curve, t = (exactly(x) for x in (*moving, time))
     back = inverse(frame)
     off = stretch - np.eye(size)
     delta = off.sum(axis=2).max(axis=1) * (1.0 + 1e-12)
     if back is None or not np.all(delta < 0.9):
-        raise UnboundedError("the tube's cross-section is too thin in some direction for the arithmetic")
+        raise UnboundedError(_THIN)
     unstretch = raised(stretch + (delta**2 / (1.0 - delta))[:, None, None])
     x = back @ known.slope @ frame
     y = back @ known.change @ frame
