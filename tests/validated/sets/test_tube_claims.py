@@ -4,6 +4,7 @@ import pickle
 from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from ccpin.validated.sets.motion_tube_claim import TubeHeld
 from ccpin.validated.sets.propagation import grow
 from ccpin.validated.sets.set_claim import SetEnclosed
 from ccpin.validated.sets.slices_claim import SlicesHeld, last_instant, last_section, marks_held
+from ccpin.validated.sets.subdivision import Starts, Tube
 from ccpin.validated.sets.tube_theorem import CrossSection, gains_about, handed_on
 from tests.support.parabola import equations, linear, loop, parabola
 from tests.support.tubes import BITS, ONE_CELL, motion_of, slices_about, tube_about
@@ -97,6 +99,7 @@ MISSHAPEN = {
     "marks too many": {"marks": lambda x: np.append(x, x[-1] + 2.0**-20)},
     "marks that fall back": {"marks": lambda x: x[::-1].copy()},
     "a mark twice": {"marks": lambda x: x * (np.arange(len(x)) > 1)},
+    "a later mark twice": {"marks": lambda x: np.concatenate([x[:2], x[1:2], x[3:]])},
     "marks beyond the step": {"marks": lambda x: 2.0 * x},
     "marks before it": {"marks": lambda x: x - 2.0**-10},
     "marks without middles": {"marks": lambda x: np.nextafter(x, 1.0) * (x > 0)},
@@ -402,6 +405,26 @@ def test_premises_that_are_not_the_tubes_of_a_set(halves, held):
     again = prove(replace(high.premises[0].claim), vague, wide)
     around = prove(high.claim, again, prove(part.claim, wide))
     refused(both(), low, around, match="not exact")
+
+
+def test_tubes_of_starts_that_are_no_doubles(halves):
+    """What is told of a box is of the doubles in its middle, exactly."""
+    fact = halves[1]
+    motion, part = fact.premises
+    start, step = motion.premises
+    wide = prove(replace(step.claim, radius=step.claim.radius + 1e-15))
+
+    def told(**change):
+        again = prove(motion.claim, prove(replace(start.claim, **change)), wide)
+        around = prove(fact.claim, again, prove(part.claim, wide))
+        enclosure = SimpleNamespace(verdict="proven", motion=again)
+        return Tube(Starts(np.array([0.51]), np.array([-0.25]), fact.claim.spread), 2.0**-5, enclosure, around).verdict
+
+    assert told() == "proven"
+    assert told(q_radius=np.array([1e-18])) == "undecided"
+    for rest in (1e-20, -1e-20):
+        sums = {"q": np.array([[0.51, rest, 0.0]]), "y": np.zeros((0, 3))}
+        assert told(**sums) == "undecided"
 
 
 def test_a_set_that_was_sent_is_proved_again(halves):

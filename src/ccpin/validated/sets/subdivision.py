@@ -104,7 +104,7 @@ class Tube(Judged):
         motion, spread = self.held.premises[0], self.held.claim.spread
         own = self.enclosure.verdict == "proven" and self.enclosure.motion is motion
         start = motion.premises[0].claim
-        own = own and not start.q_radius.any() and not start.q[:, 1:].any()
+        own = own and start.q_radius.sum() == np.abs(start.q[:, 1:]).sum() == 0.0
         own = own and np.array_equal(start.q[:, 0], self.starts.q) and np.array_equal(start.v, self.starts.v)
         return self.held if own and bool(np.all(self.starts.spread <= spread)) else None
 
@@ -251,7 +251,7 @@ def _grown(task: TubeTask, starts: Starts) -> tuple[Tube, int | None]:
         proved, refused = proved_motion(loop, start, steps, samples, motion.precision)
         reached = float(proved.found["times"][-1])
         enclosure = told_of(motion.loop, asked._replace(duration=reached), proved, refused)
-        held, other = _held(loop, proved, slices, starts.spread, task) if slices and not refused else (None, refused)
+        held, other = _held(loop, proved, slices, starts.spread, task) if not refused else (None, refused)
         end = motion.duration if task.arrived is None else math.inf
         if arrived:
             end = 0.0 if held is None else float(held.found["times"][-1])
