@@ -29,7 +29,7 @@ _RANDOM = "validated/test_joints.py::test_random_mechanisms_of_every_kind[6]"
 _MOTIONS = ("validated/flow/test_sharp_motions.py",)
 _TUBES = ("validated/sets/test_sharp_state_tubes.py",)
 _STEP = ("validated/flow/test_sharp_step.py",)
-_SETS = ("validated/sets/test_tube_claims.py",)
+_SETS = ("validated/sets/test_motion_tube_claims.py",)
 _FALSE_SETS = tuple(
     f"validated/sets/test_false_sets.py::{name}"
     for name in (
