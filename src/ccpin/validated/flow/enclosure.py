@@ -142,7 +142,7 @@ class Enclosure(Judged):
     @property
     def _singular(self) -> Fact | None:
         """The fact that this motion meets a singularity."""
-        if self._known is None or type(self.met) is not Fact or type(self.met.claim) is not SingularMet:
+        if type(self.met) is not Fact or type(self.met.claim) is not SingularMet:
             return None
         return self.met if self.met.premises[0] is self._known else None
 
