@@ -8,7 +8,7 @@ import pytest
 
 from ccpin.proof import solutions
 from ccpin.proof.facts import NotProvedError, prove, prove_some
-from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of
+from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of, glued_by
 from tests.support.straight import at_points, boxes_about, circles, straight
 
 U = 2.0**-53
@@ -337,3 +337,15 @@ def test_a_point_is_in_both_boxes_and_in_their_tubes():
         (one, zero, 0.0, 0.5, 0.0051),
     ):
         assert not met(first, second, at, there, error)
+
+
+def test_which_boxes_a_fact_glues():
+    """All of the premises, but for the points; of other facts none."""
+    equations, (zero, one), at = straight([[1.0]]), (numbers(0), numbers(0)), np.array([[0.5]])
+    fact = fact_of(equations, boxes_about([[0.0, 0.0]], 0.5, [[1.0]], 0.1))
+    other = fact_of(equations, boxes_about([[0.5, 0.5]], 0.5, [[1.0]], 0.1))
+    point = fact_of(equations, at_points(boxes_about([[0.5, 0.5]], 0.5, [[1.0]], 0.001)))
+    assert glued_by(prove(GluedBoxes(equations, zero, numbers(1), at, 0.0 * at), fact, other)) == (fact, other)
+    assert glued_by(prove(Met(equations, zero, zero, at, at, one), point, fact)) == (fact,)
+    with pytest.raises(NotProvedError, match="other kinds"):
+        glued_by(fact)

@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from ccpin.arrays import Array, Indices, Mask
 from ccpin.proof.cell_tree import CellsClaim, Integers, faces_of, lie_within
 from ccpin.proof.facts import Examined, Fact, Form, provable, require
-from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of
+from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of, glued_by
 
 
 @provable
@@ -121,9 +121,9 @@ def _numbers(fact: Fact, solutions: tuple[Fact, ...]) -> Indices:
     first = dict(
         zip(map(id, solutions), np.cumsum([0, *(len(s.claim.kappa) for s in solutions)]).tolist(), strict=False)
     )
-    own = fact.premises if type(fact.claim) is GluedBoxes else fact.premises[1:]
     parts = [
-        np.arange(len(s.claim.kappa)) + first[id(s)] if id(s) in first else np.full(len(s.claim.kappa), -1) for s in own
+        np.arange(len(s.claim.kappa)) + first[id(s)] if id(s) in first else np.full(len(s.claim.kappa), -1)
+        for s in glued_by(fact)
     ]
     return np.concatenate(parts)
 

@@ -19,7 +19,7 @@ from ccpin.proof.chords import Polynomials, chords_of
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
 from ccpin.proof.newton import reached
 from ccpin.proof.rounding import UNIT_ROUNDOFF, sum_of
-from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes, boxes_of
+from ccpin.proof.solutions import Met, SolutionsInBoxes, boxes_of, glued_by
 
 
 class _Pieces(NamedTuple):
@@ -111,7 +111,6 @@ def _between(point: Array, centre: Array, along: Array) -> Array:
 
 def _links(glue: Fact, boxes: Fact) -> set[tuple[int, int]]:
     """Which boxes a fact glues to which, at the one's end and the other's beginning, without a turn between them."""
-    require(type(glue.claim) in (GluedBoxes, Met), "a premise of another kind")
-    claim, own = glue.claim, glue.premises[1:] if type(glue.claim) is Met else glue.premises
+    claim, own = glue.claim, glued_by(glue)
     ends = (claim.at_first[:, 0] == 1.0) & (claim.at_second[:, 0] == -1.0) & ~glue.found["turn"].any(axis=1)
     return set(zip(claim.first[ends].tolist(), claim.second[ends].tolist(), strict=True)) if own == (boxes,) else set()

@@ -177,6 +177,16 @@ class Met(ProvableClaim):
         return Examined(held, {"turn": turns[1] - turns[0]})
 
 
+def glued_by(glue: Fact) -> tuple[Fact, ...]:
+    """The facts about boxes, numbered through, of which a fact says that pairs are glued.
+
+    Raises:
+        NotProvedError: It is a fact of another kind.
+    """
+    require(type(glue.claim) in (GluedBoxes, Met), "premises of other kinds")
+    return glue.premises[1:] if type(glue.claim) is Met else glue.premises
+
+
 class _Place(NamedTuple):
     """Points of q at parameters of boxes.
 

@@ -18,7 +18,7 @@ from ccpin.control.stability.set_point.well import Well, wells
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, require
 from ccpin.proof.newton import Boxes, encloses, reached
 from ccpin.proof.rounding import sum_of
-from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes
+from ccpin.proof.solutions import SolutionsInBoxes, glued_by
 
 
 class CellPart(NamedTuple):
@@ -141,8 +141,7 @@ def glued_pairs(solutions: Fact, glue: tuple[Fact, ...]) -> Indices:
     """
     pairs = [np.zeros((0, 2), dtype=np.int64)]
     for fact in glue:
-        require(type(fact.claim) in (GluedBoxes, Met), "premises of other kinds")
-        own = fact.premises if type(fact.claim) is GluedBoxes else fact.premises[1:]
+        own = glued_by(fact)
         require(len(own) == 1 and own[0] is solutions, "boxes of other facts")
         both = np.stack([fact.claim.first, fact.claim.second], axis=1)
         pairs.append(both[np.all(fact.found["turn"] == 0, axis=1)])

@@ -17,7 +17,7 @@ from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, provable, req
 from ccpin.proof.newton import encloses, reached
 from ccpin.proof.paths import Followed, follows
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
-from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes
+from ccpin.proof.solutions import SolutionsInBoxes, glued_by
 
 
 @provable
@@ -137,8 +137,7 @@ class TubeKept(ProvableClaim):
         """
         boxes, ends, known = path.premises[0], path.claim.times, np.zeros(len(self.room), dtype=np.bool_)
         for fact in glue:
-            require(type(fact.claim) in (GluedBoxes, Met), "premises of other kinds")
-            own = fact.premises if type(fact.claim) is GluedBoxes else fact.premises[1:]
+            own = glued_by(fact)
             require(len(own) == 2 and own[0] is boxes and own[1] is solutions, "boxes of other facts")
             first, second = fact.claim.first, fact.claim.second - (len(ends) - 1)
             some = (first < len(ends) - 1) & (second >= 0) & np.all(fact.found["turn"] == 0, axis=1)
