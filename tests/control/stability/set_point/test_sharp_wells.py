@@ -19,6 +19,7 @@ from ccpin.control.stability.set_point.gains import (
 from ccpin.control.stability.set_point.set_point_reading import set_point_of
 from ccpin.control.stability.set_point.well import SetPoint, Well, _efforts, wells
 from ccpin.errors import InvalidInputError, UnattainableGainsError
+from ccpin.proof.facts import NotProvedError
 from tests.support.paper import GOAL, K_P, K_V
 
 
@@ -245,8 +246,13 @@ def over(monkeypatch, rpdr_model):
         told = SlopeBound(seen, bound, np.array([1.0, 2.0]), 3, tuple(range(len(store.cells))))
         monkeypatch.setattr(module, "gravity_slope_over", lambda _: told)
         grip = min(c.well.effort for c in store.cells if c.well is not None and c.live)
-        fact = None if refused else SimpleNamespace(found={"beta": [proved or bound], "effort": [grip]})
-        monkeypatch.setattr(module, "_proved", lambda *_: (fact, "refused" if refused else ""))
+
+        def prove(*_):
+            if refused:
+                raise NotProvedError("refused")
+            return SimpleNamespace(found={"beta": [proved or bound], "effort": [grip]})
+
+        monkeypatch.setattr(module, "_proved", prove)
         return suggest_gains(model, GOAL, fake, **given)
 
     return run

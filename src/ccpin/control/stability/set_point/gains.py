@@ -153,47 +153,25 @@ def suggest_gains(
     model = model_of(model)
     ones = np.ones(model.n)
     law = PDSimpleGravity(model, q_d, ones, ones, near)
-    if not isinstance(domain, Atlas):
-        lower, upper = checked_region(model, domain, law.q_d)
-        samples = sample_region(model, lower, upper, law.q_free_d)
-        worst = int(np.argmax(samples.norm))
-        slope = SlopeBound(float(samples.norm[worst]), float(samples.norm[worst]), samples.q[worst], 0)
-        whole, grip, proved, refused = True, np.inf, None, ""
-    else:
-        require_about("gains over an atlas", domain, model)
-        store = cells_of_atlas(law, domain)
-        slope, whole = gravity_slope_over(store), store.whole
-        proved, refused = _proved(law, store, domain, slope.cells)
-        grip = np.inf if proved is None else float(proved.found["effort"][0])
-        lower, upper = domain.lower.min(axis=0), domain.upper.max(axis=0)
-    if proved is not None:
-        slope = slope._replace(bound=float(proved.found["beta"][0]))
-    beta = slope.bound
-    if not beta > 1e-12:
+    over = _over_atlas(law, domain) if isinstance(domain, Atlas) else _over_samples(law, domain)
+    if not over.slope.bound > 1e-12:
         raise InvalidInputError("gravity has no slope on the domain (β = 0): any positive K_p satisfies Theorem 3")
-    stiffness = margin * beta * np.eye(model.n)
+    stiffness = margin * over.slope.bound * np.eye(model.n)
     mass = model.terms(law.q_d, np.zeros(model.n), law.q_free_d).D
     slope_here = model.gravity_derivative(law.q_d, law.q_free_d)
     damper, frequencies = _damped(mass, stiffness + slope_here, damping)
-    farthest = np.maximum(np.abs(law.q_d - lower), np.abs(upper - law.q_d))
-    motors = model.mechanism.motors
-    asked = np.abs(stiffness) @ farthest + np.abs(law.gravity_d)
-    effort = _leverage(law) @ asked if np.isinf(grip) else np.full(model.n_actuated, _norm_over(asked, grip))
-    effort_limit = np.abs(motors.limits).min(axis=1)
-    rigorous = isinstance(domain, Atlas)
-    limits = [_what_limits(slope, rigorous), *([] if whole else [_TORN]), *([refused] if refused else [])]
     gains = Gains(
         K_p=stiffness,
         K_v=damper,
-        beta=beta,
-        beta_seen=slope.seen,
-        steepest=slope.at,
+        beta=over.slope.bound,
+        beta_seen=over.slope.seen,
+        steepest=over.slope.at,
         frequencies=frequencies,
-        effort=effort,
-        effort_limit=effort_limit,
-        verdict="proven" if proved is not None and whole else "undecided",
-        reason="; ".join(limits),
-        proved=proved,
+        effort=over.effort(law, np.abs(stiffness)),
+        effort_limit=np.abs(model.mechanism.motors.limits).min(axis=1),
+        verdict="undecided" if over.proved is None or over.doubt else "proven",
+        reason="; ".join([over.limited, *over.doubt]),
+        proved=over.proved,
     )
     beyond = _what_is_too_much(model, gains, fastest)
     if beyond:
@@ -201,13 +179,59 @@ def suggest_gains(
     return gains
 
 
-def _proved(law: PDSimpleGravity, store: CellStore, atlas: Atlas, cells: tuple[int, ...]) -> tuple[Fact | None, str]:
-    """The fact about an atlas's cells by those that were proved for it, or why there is none."""
-    over = aligned(atlas.lower, atlas.upper)
+class _Over(NamedTuple):
+    """What is known of ‖∂g/∂q‖ over a domain.
+
+    Attributes:
+        slope: β, what was seen of it, and where.
+        limited: What limits the gains, in a sentence.
+        lower, upper: The box about the domain, of shape (n,) each.
+        proved: The fact about β (`SlopeBounded`), if there is one.
+        doubt: Why β is not proven, where it might have been.
+    """
+
+    slope: SlopeBound
+    limited: str
+    lower: Array
+    upper: Array
+    proved: Fact | None = None
+    doubt: tuple[str, ...] = ()
+
+    def effort(self, law: PDSimpleGravity, stiffness: Array) -> Array:
+        """The largest |u| asked for from rest, of shape (motors,): a bound where β is a fact, else with ρ at q_d."""
+        farthest = np.maximum(np.abs(law.q_d - self.lower), np.abs(self.upper - law.q_d))
+        asked = stiffness @ farthest + np.abs(law.gravity_d)
+        grip = np.inf if self.proved is None else float(self.proved.found["effort"][0])
+        return _leverage(law) @ asked if np.isinf(grip) else np.full(law.model.n_actuated, _norm_over(asked, grip))
+
+
+def _over_samples(law: PDSimpleGravity, region: Corners) -> _Over:
+    """What samples of a region show: nothing is proved."""
+    lower, upper = checked_region(law.model, region, law.q_d)
+    samples = sample_region(law.model, lower, upper, law.q_free_d)
+    worst = int(np.argmax(samples.norm))
+    slope = SlopeBound(float(samples.norm[worst]), float(samples.norm[worst]), samples.q[worst], 0)
+    limited = f"on samples ‖∂g/∂q‖ is at most {slope.bound:.4g}, {_place(slope)}: nothing is proved"
+    return _Over(slope, limited, lower, upper)
+
+
+def _over_atlas(law: PDSimpleGravity, atlas: Atlas) -> _Over:
+    """What is proved of an atlas's cells."""
+    require_about("gains over an atlas", atlas, law.model)
+    store = cells_of_atlas(law, atlas)
+    slope, proved, doubt = gravity_slope_over(store), None, [] if store.whole else [_TORN]
     try:
-        return proved_of_cells(SlopeBounded, equations_of(law, store.reading), store, cells, *over), ""
+        proved = _proved(law, store, atlas, slope.cells)
+        slope = slope._replace(bound=float(proved.found["beta"][0]))
     except NotProvedError as error:
-        return None, f"that was found, and did not hold when it was to be proved: {error}"
+        doubt.append(f"that was found, and did not hold when it was to be proved: {error}")
+    return _Over(slope, _what_limits(slope), atlas.lower.min(axis=0), atlas.upper.max(axis=0), proved, tuple(doubt))
+
+
+def _proved(law: PDSimpleGravity, store: CellStore, atlas: Atlas, cells: tuple[int, ...]) -> Fact:
+    """The fact about an atlas's cells, by those that were proved for it."""
+    equations, over = equations_of(law, store.reading), aligned(atlas.lower, atlas.upper)
+    return proved_of_cells(SlopeBounded, equations, store, cells, *over)
 
 
 def _leverage(law: PDSimpleGravity) -> Array:
@@ -224,15 +248,17 @@ def _norm_over(asked: Array, grip: float) -> float:
     return float(np.linalg.norm(asked)) / grip if grip > 0.0 else np.inf
 
 
-def _what_limits(slope: SlopeBound, rigorous: bool) -> str:
-    where = f"near q = ({', '.join(f'{value:.4g}' for value in slope.at)})"
-    if not rigorous:
-        return f"on samples ‖∂g/∂q‖ is at most {slope.bound:.4g}, {where}: nothing is proved"
+def _place(slope: SlopeBound) -> str:
+    return f"near q = ({', '.join(f'{value:.4g}' for value in slope.at)})"
+
+
+def _what_limits(slope: SlopeBound) -> str:
+    """What limits the gains over an atlas."""
     if slope.bound <= 2.0 * slope.seen:
-        return f"K_p is limited by ‖∂g/∂q‖ ≤ {slope.bound:.4g} {where}"
+        return f"K_p is limited by ‖∂g/∂q‖ ≤ {slope.bound:.4g} {_place(slope)}"
     return (
         f"sup ‖∂g/∂q‖ is between {slope.seen:.4g} and {slope.bound:.4g} ({slope.proved} cells proved): the atlas ends "
-        f"near a singularity {where}, where it grows without bound; pass a smaller one"
+        f"near a singularity {_place(slope)}, where it grows without bound; pass a smaller one"
     )
 
 
