@@ -6,6 +6,7 @@ import ast
 import gc
 import importlib
 import os
+import resource
 import signal
 import sys
 import time
@@ -21,7 +22,8 @@ import pytest
 from tests.mutants.changes import Change
 
 Outcome = Literal["killed", "survives", "too long"]
-SECONDS = 30.0
+SECONDS = 30  # of processor time: the same on a busy machine
+_WAITING = 5 * SECONDS  # by the clock, for one that sleeps
 _NOT_APPLIED = 3
 ROOT = Path(__file__).parents[2]
 SOURCES = ROOT / "src" / "ccpin"
@@ -61,13 +63,13 @@ class _Forks:
         while waiting or running:
             while waiting and len(running) < self._processes:
                 number, change = waiting.pop()
-                running[_fork(session, change)] = number, time.monotonic() + SECONDS
+                running[_fork(session, change)] = number, time.monotonic() + _WAITING
             for child, (number, deadline) in list(running.items()):
                 ended, status = os.waitpid(child, os.WNOHANG)
                 if ended and os.waitstatus_to_exitcode(status) == _NOT_APPLIED:
                     raise RuntimeError(f"change {number} could not be made")
                 if ended:
-                    self.outcomes[number] = "killed" if status else "survives"
+                    self.outcomes[number] = _outcome(status)
                     del running[child]
                 elif time.monotonic() > deadline:
                     os.kill(child, signal.SIGKILL)
@@ -77,11 +79,20 @@ class _Forks:
         return True
 
 
+def _outcome(status: int) -> Outcome:
+    """What a process's end says: `_fork`'s 0 or 1, or that its processor time was spent."""
+    if os.WIFSIGNALED(status) and os.WTERMSIG(status) in (signal.SIGXCPU, signal.SIGKILL):
+        return "too long"
+    return "killed" if status else "survives"
+
+
 def _fork(session: pytest.Session, change: Callable[[], object]) -> int:
     """A process that runs a session's tests with a change, and ends with 0 where they pass, 1 where they do not."""
     child = os.fork()
     if child:
         return child
+    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 1))
+    signal.signal(signal.SIGXCPU, signal.SIG_DFL)
     end = _NOT_APPLIED
     with suppress(BaseException), Path(os.devnull).open("w") as nowhere:
         os.dup2(nowhere.fileno(), 1)
