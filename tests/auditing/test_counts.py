@@ -41,9 +41,9 @@ def row_of(read, cell):
 def test_sheets_are_audited(sheets, tmp_path):
     """Boxes, the faces said to be glued, cells that are empty, singular and counted; wrong faces are found."""
     found, path = sheets
-    audit = verify(path, sample=12)
+    audit = verify(path, sample=5)
     assert audit.holds, str(audit)
-    assert [claim.checked for claim in audit.claims] == [*6 * [12], 2]
+    assert [claim.checked for claim in audit.claims] == [*6 * [5], 2]
     assert audit.claims[5].of == len(found.tree.leaves(CellStatus.CERTIFIED))
     second = found.members.box[found.members.cell == found.members.cell[0]]
     assert len(second) == 2
@@ -127,7 +127,7 @@ def test_counts_of_cells_that_have_other_numbers_are_found(sheets, tmp_path, mon
     """Cells that hold a fold, and empty ones, said to hold two; and two, said to be empty."""
     monkeypatch.setattr(empty_cells, "_BUDGET", 1000)
     found, path = sheets
-    folded, empty = (found.tree.leaves(kind)[:2] for kind in (CellStatus.SINGULAR, CellStatus.EMPTY))
+    folded, empty = (found.tree.leaves(kind)[:1] for kind in (CellStatus.SINGULAR, CellStatus.EMPTY))
     two = found.tree.leaves(CellStatus.CERTIFIED)[:2]
 
     def plant(arrays):

@@ -190,7 +190,7 @@ def test_merged_covers_are_proved_and_a_missing_curve_is_found(tmp_path, monkeyp
     quarters = [domain.certify_singularities(rpdr, part) for part in domain.split_region(FOLD, 4)]
     merged = domain.merge(quarters)
     merged.save(tmp_path / "merged.json")
-    audit = verify(tmp_path / "merged.json", sample=6)
+    audit = verify(tmp_path / "merged.json", sample=2)
     assert audit.holds, str(audit)
     (curve,) = merged.curves
     assert claim(audit, "one singular curve").of == len(curve.radius)

@@ -10,7 +10,7 @@ from tests.support.described import MJCF, TOOLBOX_URDF, TOOLBOX_YAML
 from tests.support.places import MODELS
 
 CASES = 400
-CHUNKS = 8
+CHUNKS = 16
 
 
 def damage_yaml(text, rng):

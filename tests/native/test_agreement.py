@@ -227,7 +227,7 @@ def test_random_couplings(drawn, seed):
     compare_random(loaded(coupled(drawn, seed)), seed)
 
 
-@settings(max_examples=6)
+@settings(max_examples=4)
 @given(mechanisms(), seeds)
 def test_random_coordinates(drawn, seed):
     """The same with single components of joints as independent coordinates, wherever a set of them can be."""

@@ -28,7 +28,7 @@ def written(mechanism, folder, settings=QUICK):
 def five_bar(tmp_path_factory):
     """The page of a move that was asked for, and what `write` says of it."""
     start, goal = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
-    settings = QUICK._replace(depth=5, start=start, goal=goal, duration=0.5)
+    settings = QUICK._replace(depth=4, start=start, goal=goal, duration=0.5)
     return written("rpdr", tmp_path_factory.mktemp("report"), settings)
 
 

@@ -142,7 +142,7 @@ def test_auditor_agrees_with_a_sample_of_the_atlas(rpdr, depth):
     """Boxes of all sizes, drawn from the torus and from the square at a singularity, stand up in ball arithmetic."""
     atlas = certify(rpdr, np.radians((-108.0, -48.0)), max_depth=depth)
     order = np.argsort(atlas.boxes.half.max(axis=1), kind="stable")  # many are alike, and machines sort otherwise
-    chosen = order[np.linspace(0, len(order) - 1, 6).astype(int)]
+    chosen = order[np.linspace(0, len(order) - 1, 4).astype(int)]
     for k in chosen:
         assert audit(Box(atlas.boxes, int(k))), f"box {k} of half widths {atlas.boxes.half[k]}"
 

@@ -172,7 +172,7 @@ def test_the_five_bar_has_two_modes_or_none(rpdr):
 def test_the_five_bar_folds_where_it_is_stretched(rpdr):
     """Its two modes touch at the stretched loop, √(λ² + μ²) = a₃ + a₄."""
     atlas = domain.certify_sheets(rpdr, (np.full(2, -np.pi), np.full(2, np.pi)), max_depth=5)
-    found = atlas.folds(40)
+    found = atlas.folds(15)
     assert {fold.sheets for fold in found} == {(0, 1)}
     q = np.array([fold.q for fold in found])
     assert np.abs(np.hypot(*five_bar.elbow_offset(q.T)) - five_bar.A3 - five_bar.A4).max() < 1e-7

@@ -63,10 +63,10 @@ def test_the_platform_has_one_ball():
 
 @same_on_both
 def test_every_link_is_where_it_was():
-    """At 200 configurations of the open tree, by Pinocchio's kinematics of both trees: poses and velocities."""
+    """At 60 configurations of the open tree, by Pinocchio's kinematics of both trees: poses and velocities."""
     home, balls = stewart().mechanism, balls_of(stewart().mechanism)
     base = balls.mechanism
-    for q_free, rng in random_places(200):
+    for q_free, rng in random_places(60):
         rates = rng.normal(size=(home.n_free, 2))
         gathered = balls.gathered(q_free)
         for link in set(base.tree.attachments) & set(home.tree.attachments):
@@ -87,7 +87,7 @@ def test_angles_are_told_nearest_to_those_before():
     """Told near itself a configuration is itself, whole turns and the other triple of angles (β → −β) included."""
     home, balls = stewart().mechanism, balls_of(stewart().mechanism)
     windows = [home.tree.joint(name).q for name in TRIPLE]
-    for q_free, rng in random_places(200):
+    for q_free, rng in random_places(60):
         for turns in (0, 1, -3):
             own = q_free.copy()
             for window in windows:

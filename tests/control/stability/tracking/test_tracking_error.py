@@ -157,16 +157,16 @@ def test_holding_a_set_point(law_class):
     assert assert_within(proof, law, ccpin.simulate(law.model, worst, GOAL, **RUN))[0] > 0.3 * proof.error[0]
 
 
-def test_waypoints():
-    """A spline of several pieces, of degree five and three."""
+@pytest.mark.parametrize("degree", later(3, 5))
+def test_waypoints(degree):
+    """A spline of several pieces, of degree three and five."""
     model = model_of("rpdr")
     points = np.array([START, 0.5 * (START + GOAL) + 0.1, GOAL])
-    for degree in (3, 5):
-        law = law_for(ComputedTorque, reference=Waypoints(model, [0.0, 0.3, 0.6], points, degree))
-        proof = certify_tracking(law, 1e-4)
-        assert proof.verdict == "proven"
-        motion = ccpin.simulate(model, WithWrongSigma(law, switching(law, 1e-4, 0)), START, **RUN | {"duration": 0.7})
-        assert_within(proof, law, motion)
+    law = law_for(ComputedTorque, reference=Waypoints(model, [0.0, 0.3, 0.6], points, degree))
+    proof = certify_tracking(law, 1e-4)
+    assert proof.verdict == "proven"
+    motion = ccpin.simulate(model, WithWrongSigma(law, switching(law, 1e-4, 0)), START, **RUN | {"duration": 0.7})
+    assert_within(proof, law, motion)
 
 
 @every_law
