@@ -39,6 +39,16 @@ def test_a_source_is_there(name):
     assert all((ROOT / "docs" / page).is_file() for page in pages)
 
 
+def test_the_readme_says_the_same():
+    """Every figure of the README's short table is in the long one."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    short = re.search(r"^\| \| ccpin \| MuJoCo.*?\n\n", readme, re.M | re.S)[0]
+    long = " ".join(cell for row in TABLES[0] for cell in row)
+    figures = re.findall(r"\d+e-\d+|\d+ µs", short)
+    assert len(figures) >= 8
+    assert [figure for figure in figures if figure not in long] == []
+
+
 def test_the_swings_are_as_printed():
     """Whoever is installed does what the page says, within a factor of three."""
     shown = {row[0]: [float(cell.split()[0]) for cell in row[1:]] for row in TABLES[1][2:]}
