@@ -27,7 +27,7 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
         table.update(entries)
 
 
-LONG = {"README.md", "docs/pictures.md", "docs/tutorial.md"} | {
+LONG = {"README.md", "docs/gallery.md", "docs/pictures.md", "docs/tutorial.md"} | {
     f"docs/howto/{name}.md" for name in ("assembly_modes", "cluster", "tracking", "workspace")
 }
 
@@ -56,3 +56,10 @@ def test_dots_stand_for_anything():
     """What a page shows of an output is compared but for its dots."""
     assert alike("n = 2\nin 0.31 s\n", "n = 2\nin … s")
     assert not alike("n = 3\nin 0.31 s\n", "n = 2\nin … s")
+
+
+def test_the_readme_begins_in_plain_words():
+    """What a stranger reads first has none of the theory's words."""
+    first = PAGES["README.md"].read_text(encoding="utf-8").partition("## The files it reads")[0]
+    assert "## When not to use it" in first
+    assert [word for word in ("σ", "Ω", "ρ", "φ", "ψ", "cut-open", "Theorem") if word in first] == []
