@@ -21,7 +21,7 @@ from ccpin.domain.closures.system import Reading
 from ccpin.errors import CcpinError
 from ccpin.kinematics.coordinates import checked_q
 from ccpin.mechanism.assumptions import limits_left_out, mass_assumed, rubbing, without_dry_friction
-from ccpin.proof.facts import Fact
+from ccpin.proof.facts import Fact, is_fact
 from ccpin.proof.newton import Boxes, predict
 from ccpin.proof.verdict import Judged, Verdict
 
@@ -118,11 +118,9 @@ class SetPointCertificate(Judged):
     def _is_fact(self) -> bool:
         """Whether the level and β are those of a fact, which is about the law."""
         region = self._region
-        if not isinstance(region, MemberCells) or type(region.sublevel) is not Fact:
+        if not isinstance(region, MemberCells) or not is_fact(region.sublevel, SublevelProved):
             return False
         fact = region.sublevel
-        if type(fact.claim) is not SublevelProved:
-            return False
         told = (self.level, self.beta) == (fact.found["level"][0], fact.found["beta"][0])
         return self.rigorous and told and equations_of(self.law, region.reading).digest == fact.digest
 

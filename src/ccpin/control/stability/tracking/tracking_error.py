@@ -21,7 +21,7 @@ from ccpin.control.stability.tracking.tube_search import TubeSearch
 from ccpin.control.tracking import TrackingLaw
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.assumptions import limits_left_out, without_dry_friction
-from ccpin.proof.facts import Fact, NotProvedError, prove
+from ccpin.proof.facts import Fact, NotProvedError, is_fact, prove
 from ccpin.proof.verdict import Judged, Verdict
 
 _LEAST = 1e-9  # ε, the smallest tried
@@ -57,7 +57,7 @@ class TrackingCertificate(Judged):
     @cached_property
     def _known(self) -> Fact | None:
         """The fact, if it is one about the law, ε and f̄."""
-        if type(self.proved) is not Fact or type(self.proved.claim) is not TubeKept:
+        if not is_fact(self.proved, TubeKept):
             return None
         claim, reference = self.proved.claim, self._tube.equations.reference
         told = claim.sigma_error[0] == self.sigma_error and np.array_equal(claim.disturbance, self.disturbance)
