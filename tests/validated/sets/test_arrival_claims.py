@@ -24,7 +24,7 @@ from ccpin.validated.sets.arrival_claim import Arrived, NeverArrives, SetArrived
 from ccpin.validated.sets.arrival_equations import ArrivalEquations
 from ccpin.validated.sets.curvature import UnboundedError
 from ccpin.validated.sets.instants import Instants
-from ccpin.validated.sets.lyapunov import Well, lowered, well_of
+from ccpin.validated.sets.lyapunov import LyapunovAt, lowered, lyapunov_at
 from ccpin.validated.sets.set_claim import SetEnclosed
 from tests.support.parabola import equations, loop
 from tests.support.tubes import BITS, OPTIONS, motion_of, tube_about
@@ -120,7 +120,7 @@ def test_the_value_at_the_end_is_below_the_level():
 
 
 def test_levels_are_lowered(known):
-    well = well_of(OWN, known[1])
+    well = lyapunov_at(OWN, known[1])
     with flint().ctx.workprec(64):
         assert abs(float(well.potential) - 3.0) < 1e-8
         assert float(lowered(replace(OWN, potential_d=3.5), well, 2.0)) == pytest.approx(1.5 - 2e-9, abs=1e-11)
@@ -446,7 +446,9 @@ def test_the_highest_value_on_a_cross_section_is_attained(monkeypatch):
         at, slices = cross_section(frame, bound, **more)
         monkeypatch.setattr(lyapunov, "last_instant", lambda _: at)
         with flint().ctx.workprec(64), np.errstate(all="ignore"):
-            return float(Well(replace(HILL, lyapunov=tape.program([program])), ball(10)).on_section(slices).upper())
+            return float(
+                LyapunovAt(replace(HILL, lyapunov=tape.program([program])), ball(10)).on_section(slices).upper()
+            )
 
     assert highest(half * (v * v) + half * (q * q)) == pytest.approx(0.5 * corner @ corner - 10.0, rel=1e-9)
     found = highest(v * y)

@@ -149,7 +149,7 @@ def test_values_that_are_told_too_low(monkeypatch, rpdr_model, law, certificate,
     assert found.verdict == "undecided"
     assert "not below 0" in found.reason
     with monkeypatch.context() as context:
-        context.setattr(arrival.Well, "on_section", lambda *_: ball(0))
+        context.setattr(arrival.LyapunovAt, "on_section", lambda *_: ball(0))
         context.setattr(arrival.Goal, "highest", lambda *_: 0.0)
         found = certified(FAR, spread=SPREAD)
     assert found.verdict == "undecided"

@@ -24,14 +24,14 @@ from ccpin.validated.flow.step import ProvenStep, Start, start_box
 from ccpin.validated.sets.arrival_claim import Arrived, SetArrived
 from ccpin.validated.sets.arrival_equations import ArrivalEquations
 from ccpin.validated.sets.curvature import UnboundedError
-from ccpin.validated.sets.lyapunov import Well, lowered, section_of, well_of
+from ccpin.validated.sets.lyapunov import LyapunovAt, lowered, lyapunov_at, section_of
 from ccpin.validated.sets.subdivision import TOO_EARLY
 
 RETRY = 0.9  # of a level at which nothing was proven
 _SHORTEST = 2.0**-12  # of the line, in one step
 
 
-class Connection(NamedTuple):
+class WayToGoal(NamedTuple):
     """What joins states to the set point: a fact about a box about it, and those about the line's steps."""
 
     around: Fact
@@ -56,7 +56,7 @@ class Goal(NamedTuple):
     level: float
     sublevel: Fact | None
     point: Fact
-    well: Well
+    well: LyapunovAt
     lowered: Ball
     options: StepOptions
     precision: int
@@ -72,7 +72,7 @@ class Goal(NamedTuple):
         """Whether U is below the level on a box of configurations."""
         return bool(ball(self.highest(self.equations.loop.at_rest(box))) < self.lowered)
 
-    def arrived(self, moved: Fact, joined: Connection) -> Fact:
+    def arrived(self, moved: Fact, joined: WayToGoal) -> Fact:
         """The fact that a motion, or a tube, ends in B₂.
 
         Raises:
@@ -101,7 +101,7 @@ def goal_of(
     """
     still = np.zeros(equations.loop.n)
     point = proved_start(equations.loop, equations.q_d, equations.x_d, still, precision)
-    well = well_of(equations, point)
+    well = lyapunov_at(equations, point)
     return Goal(equations, level, sublevel, point, well, lowered(equations, well, level), options, precision)
 
 
@@ -128,7 +128,7 @@ class _LineSteps(NamedTuple):
         return "U is not below the level on the line"
 
 
-def connection(goal: Goal, end: ExactBox) -> Connection | str:
+def connection(goal: Goal, end: ExactBox) -> WayToGoal | str:
     """What joins a box of states to the set point below the level, or what could not be proven."""
     equations, options = goal.equations, goal.options._replace(shortest=_SHORTEST)
     loop, q_d = equations.loop, equations.q_d.balls()
@@ -150,7 +150,7 @@ def connection(goal: Goal, end: ExactBox) -> Connection | str:
         return "the state reached is not proven to be on the set point's branch of σ"
     if not goal.below(state_of(around).balls()):
         return "𝒱 is not proven to be below the level next to the set point"
-    return Connection(around, tuple(facts))
+    return WayToGoal(around, tuple(facts))
 
 
 class SetArrival:
@@ -162,7 +162,7 @@ class SetArrival:
     """
 
     def __init__(self, goal: Goal) -> None:
-        self.goal, self.joined = goal, dict[Fact, Connection]()
+        self.goal, self.joined = goal, dict[Fact, WayToGoal]()
         self._ask_below = self._level = lower(goal.lowered)
 
     def __call__(self, slices: Fact) -> str:

@@ -18,7 +18,7 @@ from ccpin.validated.flow.start_claim import PRECISION, ClosedStart, state_of
 from ccpin.validated.flow.step_claim import StepEnclosed, end_of_step, start_of_step, step_of
 from ccpin.validated.sets.arrival_equations import ArrivalEquations
 from ccpin.validated.sets.curvature import UnboundedError
-from ccpin.validated.sets.lyapunov import Well, lowered, section_of, well_of
+from ccpin.validated.sets.lyapunov import LyapunovAt, lowered, lyapunov_at, section_of
 from ccpin.validated.sets.motion_tube_claim import TubeHeld
 from ccpin.validated.sets.set_claim import SetEnclosed
 
@@ -65,7 +65,7 @@ class Arrived(ProvableClaim):
         require([type(step.claim) is StepEnclosed for step in line], "premises that are no steps")
         with flint().ctx.workprec(int(self.precision[0])), np.errstate(all="ignore"):  # what is not finite is refused
             try:
-                well = well_of(self.equations, goal)
+                well = lyapunov_at(self.equations, goal)
                 level = lowered(self.equations, well, float(self.level[0]))
                 box, highest = _reached(well, moved)
                 require(highest < level, "𝒱 is not below the level")
@@ -86,7 +86,7 @@ class Arrived(ProvableClaim):
             require(len(rest) > 0 and type(rest[0].claim) is SublevelProved, "no level that is proved")
             require(self.level <= rest.pop(0).found["level"], "a level above the one that is proved")
 
-    def _end_of_line(self, well: Well, level: Ball, box: ExactBox, line: list[Fact]) -> ExactBox:
+    def _end_of_line(self, well: LyapunovAt, level: Ball, box: ExactBox, line: list[Fact]) -> ExactBox:
         """3: a box of configurations at the line's end; itself where there is none.
 
         Raises:
@@ -103,7 +103,7 @@ class Arrived(ProvableClaim):
         require(below, "U is not below the level on the line")
         return end_of_step(line[-1]).rows(x)
 
-    def _require_joined(self, well: Well, level: Ball, end: ExactBox, goal: Fact, around: Fact) -> None:
+    def _require_joined(self, well: LyapunovAt, level: Ball, end: ExactBox, goal: Fact, around: Fact) -> None:
         """4: that σ(q_d) and the line's end are in P × Y, over which U is below the level.
 
         Raises:
@@ -179,7 +179,7 @@ class NeverArrives(ProvableClaim):
         motion, goal = premises
         with flint().ctx.workprec(int(self.precision[0])):
             try:
-                value = well_of(self.equations, goal).over(end_of(motion).balls())
+                value = lyapunov_at(self.equations, goal).over(end_of(motion).balls())
             except NotInvertibleError as refused:
                 raise NotProvedError(f"𝒱 is not proven to exist: {refused}") from None
             require(value < 0, "𝒱 is not below 0")
@@ -187,7 +187,7 @@ class NeverArrives(ProvableClaim):
         return Examined(np.ones(1, dtype=np.bool_), found)
 
 
-def _reached(well: Well, moved: Fact) -> tuple[ExactBox, Ball]:
+def _reached(well: LyapunovAt, moved: Fact) -> tuple[ExactBox, Ball]:
     """1 and 2: a box around the state that a motion, or a tube's middle, comes to; and a bound of 𝒱 on all then.
 
     Raises:

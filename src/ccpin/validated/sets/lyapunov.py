@@ -22,7 +22,7 @@ from ccpin.validated.sets.slices_claim import last_instant
 _MARGIN = 1e-9  # relative: the level and the bounds it comes from are doubles
 
 
-class Well(NamedTuple):
+class LyapunovAt(NamedTuple):
     """𝒱 about a set point, over boxes of states.
 
     Attributes:
@@ -70,7 +70,7 @@ class Well(NamedTuple):
         return thin.value.at(0).balls()[0] + ball(float(raised(first + raised(0.5 * second)))) - self.potential
 
 
-def well_of(equations: ArrivalEquations, goal: Fact) -> Well:
+def lyapunov_at(equations: ArrivalEquations, goal: Fact) -> LyapunovAt:
     """𝒱 about the set point, σ(q_d) being that of a fact.
 
     Raises:
@@ -80,10 +80,10 @@ def well_of(equations: ArrivalEquations, goal: Fact) -> Well:
     require(type(goal.claim) is ClosedStart, "no set point")
     require(ExactBox(goal.claim.q, goal.claim.q_radius).holds(equations.q_d), "another set point")
     require(np.array_equal(goal.claim.near, equations.x_d[list(loop.dependent)]), "a set point on another branch")
-    return Well(loop, values(loop.energies, loop.at_rest(state_of(goal).balls()))[1])
+    return LyapunovAt(loop, values(loop.energies, loop.at_rest(state_of(goal).balls()))[1])
 
 
-def lowered(equations: ArrivalEquations, well: Well, level: float) -> Ball:
+def lowered(equations: ArrivalEquations, well: LyapunovAt, level: float) -> Ball:
     """A level as 𝒱 is counted here: less what the law's V(q_d) is off, and a margin."""
     return ball(level) * (1 - ball(_MARGIN)) - abs(well.potential - ball(equations.potential_d))
 

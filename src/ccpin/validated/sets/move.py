@@ -32,7 +32,7 @@ from ccpin.validated.flow.motion_task import MotionAsked, MotionTask, task_of
 from ccpin.validated.flow.proved_steps import ProvedSteps
 from ccpin.validated.flow.start_claim import state_of
 from ccpin.validated.flow.step import ProvenStep, start_box
-from ccpin.validated.sets.arrival import RETRY, Connection, Goal, SetArrival, connection, goal_of
+from ccpin.validated.sets.arrival import RETRY, Goal, SetArrival, WayToGoal, connection, goal_of
 from ccpin.validated.sets.arrival_claim import NeverArrives
 from ccpin.validated.sets.arrival_reading import arrival_equations_of
 from ccpin.validated.sets.proved_move import MoveCertificate
@@ -117,7 +117,7 @@ def _of_one(task: MotionTask, asked: MotionAsked, goal: Goal) -> MoveCertificate
     return MoveCertificate(goal.equations, goal.level, enclosure, goal.point, proved, missing)
 
 
-def _proved(goal: Goal, motion: Fact, joined: Connection | None) -> tuple[Fact | None, str]:
+def _proved(goal: Goal, motion: Fact, joined: WayToGoal | None) -> tuple[Fact | None, str]:
     """The fact that a motion arrives, or never does where nothing joins it to the set point; or what is refused."""
     never = NeverArrives(goal.equations, np.array([goal.precision]))
     try:
@@ -158,7 +158,7 @@ class _Outcome(NamedTuple):
 
     steps: list[ProvenStep]
     missing: str = ""
-    joined: Connection | None = None
+    joined: WayToGoal | None = None
     stopped: str = ""
 
 
@@ -180,7 +180,7 @@ def _run(task: MotionTask, start: Sequence[Ball], goal: Goal) -> _Outcome:
             return _Outcome(steps)
         if value < ask_below:
             joined = connection(goal, exact_box(*step.end, task.precision))
-            if isinstance(joined, Connection):
+            if isinstance(joined, WayToGoal):
                 return _Outcome(steps, joined=joined)
             missing, ask_below = joined, RETRY * value
     words = f"not proven to arrive within {time:.6g} s and {len(steps)} steps: {missing}"

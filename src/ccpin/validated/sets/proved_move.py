@@ -17,7 +17,7 @@ from ccpin.validated.flow.motion_claim import end_of
 from ccpin.validated.flow.start_claim import ClosedStart
 from ccpin.validated.sets.arrival_claim import Arrived, NeverArrives, SetArrived
 from ccpin.validated.sets.arrival_equations import ArrivalEquations
-from ccpin.validated.sets.lyapunov import well_of
+from ccpin.validated.sets.lyapunov import lyapunov_at
 from ccpin.validated.sets.set_enclosure import covers
 from ccpin.validated.sets.subdivision import Starts, Tube
 
@@ -142,7 +142,7 @@ class MoveCertificate(Judged):
             return None
         with flint().ctx.workprec(self.enclosure.precision):
             try:
-                return well_of(self.equations, self.point).over(box)
+                return lyapunov_at(self.equations, self.point).over(box)
             except (NotInvertibleError, NotProvedError):
                 return None
 

@@ -5,7 +5,7 @@ The level is that of a fact, `SublevelProved`, over its cells; over a plain regi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -113,6 +113,17 @@ class SetPointCertificate(Judged):
     def sublevel(self) -> Fact | None:
         """The fact about the level, the cells and β (`SublevelProved`); without it none is proven."""
         return self._region.sublevel if isinstance(self._region, MemberCells) else None
+
+    def replay(self) -> SetPointCertificate:
+        """The same, its level proved once more from its data alone; one that was pickled is undecided until then.
+
+        Raises:
+            NotProvedError: It does not hold.
+        """
+        region = self._region
+        if not isinstance(region, MemberCells):
+            return self
+        return replace(self, _region=replace(region, sublevel=region.sublevel.replay()))
 
     @cached_property
     def _is_fact(self) -> bool:

@@ -6,7 +6,7 @@ motors it is about, `TubeSearch` looks for a tube, and `TubeKept` proves it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -63,6 +63,14 @@ class TrackingCertificate(Judged):
         told = claim.sigma_error[0] == self.sigma_error and np.array_equal(claim.disturbance, self.disturbance)
         own = equations_of(self.law, self._tube.path.reading, reference)
         return self.proved if told and own.digest == self.proved.digest else None
+
+    def replay(self) -> TrackingCertificate:
+        """The same, its bound proved once more from its data alone; one that was pickled is undecided until then.
+
+        Raises:
+            NotProvedError: It does not hold.
+        """
+        return self if self.proved is None else replace(self, proved=self.proved.replay())
 
     def _found(self, name: str, *shape: int) -> Array:
         """A number of the fact; infinite where there is none."""
