@@ -26,7 +26,7 @@ from ccpin.validated.sets.curvature import UnboundedError
 from ccpin.validated.sets.instants import Instants
 from ccpin.validated.sets.lyapunov import LyapunovAt, lowered, lyapunov_at
 from ccpin.validated.sets.set_claim import SetEnclosed
-from tests.support.parabola import equations, loop
+from tests.support.parabola import equations, linear, loop
 from tests.support.tubes import BITS, OPTIONS, motion_of, tube_about
 
 HALF = 0.5
@@ -366,6 +366,22 @@ def test_a_motion_below_the_set_point_never_arrives():
         refused(never(), *premises)
 
 
+def test_the_set_point_s_own_value_is_not_below_it():
+    """At rest there, to the last bit."""
+    tape = Tape(2)
+    _, v = tape.inputs
+    one = equations(
+        linear(np.array([[4.0]]), np.array([[0.5]])),
+        energies=tape.program([v * v, 0]),
+        lyapunov=tape.program([v * v]),
+    )
+    own = ArrivalEquations(one, ExactBox(np.zeros((1, 1)), np.zeros(1)), np.zeros(1), 0.0, True)
+    motion = motion_of(one, [0.0], [], [0.0], 0.0)
+    refused(never(own), motion, motion.premises[0], match="not below 0")
+    fact = prove(arrived(own=own), motion, motion.premises[0], motion.premises[0])
+    assert 0.0 < fact.found["lyapunov"][0] < 1e-300
+
+
 def test_angles_half_a_turn_off_have_another_value():
     """The box of a state, and that of a line, may be no farther from the target than half a turn."""
     far = hill(wrapped=(Wrapped(0, ball(8)),))
@@ -482,6 +498,7 @@ def test_a_set_arrives_where_all_of_its_tubes_do(halves):
     for premises in (
         (),
         (covered,),
+        (goal,),
         (covered, parts[0]),
         (covered, parts[1], parts[0]),
         (covered, *parts, parts[0]),

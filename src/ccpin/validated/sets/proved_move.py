@@ -123,11 +123,10 @@ class MoveCertificate(Judged):
         if proved is None or not any(is_fact(proved, kind) for kind in self._kinds):
             return None
         if self.starts is None:
-            known = moved.verdict == "proven" and proved.premises[0] is moved.motion
+            known = moved.verdict == "proven" and proved.premises[0] is moved.motion and not self.tubes
         else:
-            known = covers(proved.premises[0], self.tubes, self.starts, 0.0)
+            known = covers(proved.premises[0], self.tubes, self.starts, 0.0) and moved is self.tubes[0].enclosure
         known = known and proved.digest == self.equations.digest
-        known = known and self.equations.loop.digest == moved.loop.equations.digest
         known = known and (is_fact(proved, NeverArrives) or proved.claim.level[0] == self.level)
         return proved if known else None
 
