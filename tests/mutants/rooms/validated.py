@@ -53,8 +53,24 @@ _FALSE = tuple(
     )
 )
 _ARRIVALS = ("validated/sets/test_arrival_claims.py",)
-_FALSE_ARRIVALS = ("validated/sets/test_false_arrivals.py",)
-_LEVELS = (_FALSE_ARRIVALS[0] + "::test_levels_of_other_set_points",)
+_FALSE_ARRIVALS = "validated/sets/test_false_arrivals.py"
+_LEVELS = (f"{_FALSE_ARRIVALS}::test_levels_of_other_set_points",)
+_MOVES = (
+    *(
+        f"{_FALSE_ARRIVALS}::{name}"
+        for name in (
+            "test_what_is_told_of_an_arrival",
+            "test_moves_are_about_what_was_asked",
+            "test_levels_are_facts_or_the_caller_s",
+            "test_levels_that_are_told_too_high",
+            "test_sets_of_moves_are_about_what_was_asked",
+        )
+    ),
+    *(
+        f"validated/sets/test_move.py::{name}"
+        for name in ("test_a_move_whose_energy_is_too_low_is_refuted", "test_bad_arrivals")
+    ),
+)
 _DEFECT = ("validated/flow/test_sharp_defect.py",)
 _PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
@@ -387,7 +403,7 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "validated/sets/move",
         ("certify_move", "_of_one", "_proved", "_of_a_set", "_level"),
-        (*_FALSE_ARRIVALS, "validated/sets/test_move.py"),
+        _MOVES,
     ),
     Room(
         "validated/sets/proved_move",
@@ -405,7 +421,7 @@ ROOMS: tuple[Room, ...] = (
             "MoveCertificate._lyapunov",
             "MoveCertificate.replay",
         ),
-        (*_FALSE_ARRIVALS, "validated/sets/test_move.py"),
+        _MOVES,
     ),
     Room(
         "validated/flow/enclosure",

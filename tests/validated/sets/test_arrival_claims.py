@@ -277,6 +277,7 @@ def test_equations_that_are_none():
         {"loop": replace(HILL, lyapunov=None)},
         {"loop": HILL.digest},
         {"q_d": ExactBox(np.zeros((2, 1)), np.zeros(2))},
+        {"q_d": ExactBox(np.zeros((2, 1)), np.zeros(1))},
         {"q_d": ExactBox(np.zeros(1), np.zeros(1))},
         {"q_d": ExactBox(np.array([[4.0]]), np.zeros(2))},
         {"q_d": ExactBox(np.array([[4.0]]), np.array([-1e-9]))},

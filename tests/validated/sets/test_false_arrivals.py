@@ -317,9 +317,9 @@ def test_levels_of_other_set_points(rpdr_model, law, certificate, honest):
     prove(Arrived(free, claim.level, claim.precision), moved, goal, around, *line)
     for change in (
         {"potential_d": claim.equations.potential_d + 1e-9},
-        {"q_d": claim.equations.q_d._replace(parts=claim.equations.q_d.parts + 1e-12)},
-        {"q_d": claim.equations.q_d._replace(parts=claim.equations.q_d.parts + [0.0, 1e-20])},
-        {"q_d": claim.equations.q_d._replace(radius=claim.equations.q_d.radius + 1e-20)},
+        {"q_d": claim.equations.q_d._replace(parts=claim.equations.q_d.parts + [1e-12, 0.0])},
+        {"q_d": claim.equations.q_d._replace(parts=claim.equations.q_d.parts + [[0.0, 0.0], [0.0, 1e-20]])},
+        {"q_d": claim.equations.q_d._replace(radius=claim.equations.q_d.radius + [0.0, 1e-20])},
     ):
         with pytest.raises(NotProvedError, match="another set point"):
             replace(claim.equations, **change)
