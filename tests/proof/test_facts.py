@@ -136,6 +136,8 @@ STATING = {  # rooms with theorems of their own: the modules that state claims, 
     "validated/sets/slices_claim.py",
     "validated/sets/motion_tube_claim.py",
     "validated/sets/set_claim.py",
+    "validated/sets/arrival_equations.py",
+    "validated/sets/arrival_claim.py",
 }
 
 

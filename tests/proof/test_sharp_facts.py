@@ -8,7 +8,19 @@ import numpy as np
 import pytest
 
 from ccpin.proof import facts
-from ccpin.proof.facts import Examined, Fact, Form, NotProvedError, ProvableClaim, prove, prove_some, require, sealed
+from ccpin.proof.facts import (
+    Examined,
+    Fact,
+    Form,
+    NotProvedError,
+    ProvableClaim,
+    Unproved,
+    is_fact,
+    prove,
+    prove_some,
+    require,
+    sealed,
+)
 from tests.support.straight import boxes_about, straight
 
 
@@ -57,6 +69,21 @@ def kinds(monkeypatch):
     """`prove` knows these for a while."""
     monkeypatch.setattr(facts, "_KINDS", {Rows, Whole, *facts._KINDS})
     monkeypatch.setattr(facts, "_EQUATIONS", {Numbers, *facts._EQUATIONS})
+
+
+def test_facts_are_told_by_their_kind():
+    """A claim is none, nor what is like a fact."""
+    fact = prove(rows([[2.0]]))
+    assert is_fact(fact, Rows)
+    for other, kind in (
+        (fact, Whole),
+        (fact, ProvableClaim),
+        (fact.claim, Rows),
+        (None, Rows),
+        (Unproved(fact.claim), Rows),
+    ):
+        assert not is_fact(other, kind)
+    assert not is_fact(SimpleNamespace(claim=fact.claim), Rows)
 
 
 def rows(own, whole=None):

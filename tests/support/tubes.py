@@ -40,7 +40,7 @@ def motion_of(one, q, y, v, duration, period=np.inf):
                 sampled.append(read)
                 steps.append(step.fact)
                 read, since, state = False, since + step.length, start_box(step.end)
-    return prove(MotionEnclosed(one, np.array(sampled), BITS), start, *steps)
+    return prove(MotionEnclosed(one, np.array(sampled, dtype=bool), BITS), start, *steps)
 
 
 def slices_about(motion, spread, cut=ONE_CELL):

@@ -14,7 +14,7 @@ from ccpin.control.stability.set_point.set_point_certificate import SetPointCert
 from ccpin.control.stability.set_point.theorem3 import certify_law
 
 if TYPE_CHECKING:
-    from ccpin.validated.sets.move import MoveCertificate
+    from ccpin.validated.sets.proved_move import MoveCertificate
 
 _PRECISION = 128  # bits in which the move is enclosed
 _RAY = 1e-3  # of a ray: how near its last point in B₂ is found

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, NamedTuple, Protocol, TypeVar, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol, TypeGuard, TypeVar, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -233,6 +233,11 @@ class Fact:
     def replay(self) -> Fact:
         """The same, proved once more from its data and its premises' alone."""
         return _replayed(self, {})
+
+
+def is_fact(given: object, kind: type[ProvableClaim]) -> TypeGuard[Fact]:
+    """Whether something is a fact of a kind of claim: what was pickled is none until it is replayed."""
+    return type(given) is Fact and type(given.claim) is kind
 
 
 class Unproved(NamedTuple):

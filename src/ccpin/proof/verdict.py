@@ -6,6 +6,7 @@ and, where nothing was decided, which argument to raise. A refutation comes with
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any, Literal, NamedTuple
 
 from ccpin.arrays import Array
@@ -25,11 +26,20 @@ def of_file(source: str | None) -> str:
     return f"; as {source} says: boxes and tubes were proved again, the rest by `ccpin verify` alone"
 
 
+def not_known_of(subject: str) -> str:
+    """What is said of facts that are missing, or are about something else."""
+    return f"what was found is not proved of {subject}, or was pickled and not replayed"
+
+
 class Judged:
     """What has a `verdict` and a `reason`, and shows itself by them."""
 
     def __repr__(self: Any) -> str:
         return f"{type(self).__name__}({self.verdict}: {self.reason})"
+
+    def __getstate__(self: Any) -> dict[str, Any]:
+        """The fields alone: what was known by facts is not known of what they are once they were pickled."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
 
 class Witness(NamedTuple):

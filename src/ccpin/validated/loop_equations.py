@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ccpin.proof.digests import digest
 from ccpin.proof.facts import known, require
@@ -96,6 +96,9 @@ class ClosedLoopEquations:
         self._require_programs()
         self._require_turns()
 
+    def __reduce__(self) -> tuple[type[ClosedLoopEquations], tuple[Any, ...]]:
+        return ClosedLoopEquations, tuple(getattr(self, each.name) for each in fields(self))
+
     def _require_programs(self) -> None:
         """Programs of the state's numbers, with as many outputs as are due.
 
@@ -139,6 +142,11 @@ class ClosedLoopEquations:
     def dependent(self) -> tuple[int, ...]:
         """Places of y in x, in order."""
         return tuple(k for k in range(self.n_x) if k not in self.independent)
+
+    @cached_property
+    def steady(self) -> ClosedLoopEquations:
+        """The mechanism moved with q̇ constant, as the motion of a closed loop."""
+        return replace(self, field=self.drift, free="")
 
     @property
     def scalar(self) -> bool:

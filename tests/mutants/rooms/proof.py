@@ -16,6 +16,7 @@ ROOMS: tuple[Room, ...] = (
             "ProvableClaim.well_formed",
             "ProvableClaim._count",
             "require",
+            "is_fact",
             "_replayed",
             "prove_some",
             "_examined",

@@ -83,6 +83,7 @@ ROOMS: tuple[Room, ...] = (
             "_CLEAR",
             "SetPointCertificate.verdict",
             "SetPointCertificate._is_fact",
+            "SetPointCertificate.replay",
             "SetPointCertificate.assumes",
             "SetPointCertificate.contains",
             "MemberCells.near",
@@ -186,6 +187,7 @@ ROOMS: tuple[Room, ...] = (
         (
             "TrackingCertificate.verdict",
             "TrackingCertificate._known",
+            "TrackingCertificate.replay",
             "TrackingCertificate._found",
             "TrackingCertificate.times",
             "TrackingCertificate.errors",

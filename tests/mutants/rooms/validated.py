@@ -52,6 +52,25 @@ _FALSE = tuple(
         "test_chains_with_a_gap[the first step]",
     )
 )
+_ARRIVALS = ("validated/sets/test_arrival_claims.py",)
+_FALSE_ARRIVALS = "validated/sets/test_false_arrivals.py"
+_LEVELS = (f"{_FALSE_ARRIVALS}::test_levels_of_other_set_points",)
+_MOVES = (
+    *(
+        f"{_FALSE_ARRIVALS}::{name}"
+        for name in (
+            "test_what_is_told_of_an_arrival",
+            "test_moves_are_about_what_was_asked",
+            "test_levels_are_facts_or_the_caller_s",
+            "test_levels_that_are_told_too_high",
+            "test_sets_of_moves_are_about_what_was_asked",
+        )
+    ),
+    *(
+        f"validated/sets/test_move.py::{name}"
+        for name in ("test_a_move_whose_energy_is_too_low_is_refuted", "test_bad_arrivals")
+    ),
+)
 _DEFECT = ("validated/flow/test_sharp_defect.py",)
 _PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
@@ -337,30 +356,72 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
-        "validated/sets/arrival",
+        "validated/sets/arrival_claim",
+        (
+            "LEVEL",
+            "Arrived.subjects",
+            "Arrived.examined",
+            "Arrived._require_level",
+            "Arrived._end_of_line",
+            "Arrived._require_joined",
+            "SetArrived.subjects",
+            "SetArrived.examined",
+            "NeverArrives.subjects",
+            "NeverArrives.examined",
+            "_reached",
+        ),
+        (*_ARRIVALS, *_LEVELS),
+    ),
+    Room(
+        "validated/sets/lyapunov",
         (
             "_MARGIN",
-            "unconnected",
-            "lyapunov",
-            "single_valued",
-            "goal_of",
-            "SetArrival.__call__",
-            "SetArrival._highest",
+            "LyapunovAt.over",
+            "LyapunovAt.at_rest",
+            "LyapunovAt.on_section",
+            "lyapunov_at",
+            "lowered",
+            "section_of",
         ),
-        (*_MOTIONS, "validated/sets/test_one_turn_on.py::test_where_the_lyapunov_function_is_one_function"),
+        _ARRIVALS,
+    ),
+    Room(
+        "validated/sets/arrival_equations",
+        ("ArrivalEquations.__post_init__", "ArrivalEquations.digest", "ArrivalEquations.digest_of_level"),
+        (*_ARRIVALS, *_LEVELS),
+    ),
+    Room(
+        "validated/sets/arrival_reading",
+        ("arrival_equations_of", "single_valued"),
         (
-            ("if regularity > 0 and room_left > 0", "0 let in", "0 either way"),
-            ("options._replace(shortest=2.0**-12)", "2 × ", "how far a step is shortened before it is given up"),
+            "validated/sets/test_arrival_level.py",
+            "validated/sets/test_one_turn_on.py::test_where_the_lyapunov_function_is_one_function",
+            "validated/sets/test_one_turn_on.py::test_springs_that_make_another_energy_one_turn_on",
+            "validated/sets/test_one_turn_on.py::test_angles_whose_errors_jump_half_a_turn_away",
         ),
     ),
     Room(
         "validated/sets/move",
-        ("certify_move", "_of_one", "_of_a_set", "_run", "_level"),
-        _MOTIONS,
+        ("certify_move", "_of_one", "_proved", "_of_a_set", "_level"),
+        _MOVES,
+    ),
+    Room(
+        "validated/sets/proved_move",
         (
-            ("assert not isinstance(arrival", "", "what holds of any that is told apart before"),
-            ("< 0.0 and never", "0 let in", "`upper` is above what it bounds"),
+            "MoveCertificate.verdict",
+            "MoveCertificate.reason",
+            "MoveCertificate._told",
+            "MoveCertificate.witness",
+            "MoveCertificate.rigorous",
+            "MoveCertificate.time",
+            "MoveCertificate.lyapunov_start",
+            "MoveCertificate.lyapunov",
+            "MoveCertificate._known",
+            "MoveCertificate._kinds",
+            "MoveCertificate._lyapunov",
+            "MoveCertificate.replay",
         ),
+        _MOVES,
     ),
     Room(
         "validated/flow/enclosure",
@@ -388,14 +449,7 @@ ROOMS: tuple[Room, ...] = (
             "told_of",
         ),
         _FALSE,
-        (
-            ("if self.asked is None or self.motion is None", "not asked: self.motion", "nothing is about a motion"),
-            (
-                "type(self.met.claim) is not SingularMet",
-                "not asked: type(self.met.claim)",
-                "the only kind from a motion",
-            ),
-        ),
+        (("if self.asked is None or self.motion is None", "not asked: self.motion", "nothing is about a motion"),),
     ),
     Room("validated/flow/enclosing", ("enclose",), _MOTIONS),
     Room("validated/flow/motion_task", ("exact_q",), _MOTIONS),
@@ -459,7 +513,8 @@ ROOMS: tuple[Room, ...] = (
 
 _CHOSEN = "chooses the length of a step, which `attempt` proves"
 EXCUSED: tuple[Excused, ...] = (
-    Excused("validated/sets/arrival", ("RETRY",), "when `unconnected` is asked again"),
+    Excused("validated/sets/arrival", (), "proposes lines and boxes: `Arrived` says what is proved of them"),
+    Excused("validated/sets/move", ("_run", "_MORE"), "how far is marched: the claims say what is proved of it"),
     Excused(
         "validated/flow/marching", ("SHORTEST_STEP", "rounded_up"), "how far a step is shortened before it is given up"
     ),

@@ -1,5 +1,7 @@
 """Moves that are proved to arrive, refuted, or undecided with a reason."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,7 @@ def test_the_papers_move_is_certified(rpdr_model, law):
     move = certify_move(rpdr_model, law, START, arrival=2.9)
     assert move.verdict == "proven"
     assert not move.rigorous  # a plain number
+    assert "caller's part" in move.reason
     assert move.lyapunov_start == pytest.approx(law.lyapunov(START, np.zeros(2)), abs=1e-9)
     sample = accurately(rpdr_model, law, START, None, move.time)
     assert move.lyapunov == pytest.approx(law.lyapunov(sample.q[-1], sample.v[-1], sample.q_free[-1]), abs=1e-8)
@@ -77,12 +80,16 @@ def test_bad_arrivals(rpdr_model, law, enclosure):
     with pytest.raises(InvalidInputError, match="positive"):
         certify_move(rpdr_model, law, START, arrival=0.0)
 
-    class Other:
-        level, rigorous = 1.0, True
-        law = paper_law(rpdr_model, [12.0, 12.0])
+    class Known:
+        level, rigorous, law = 1.0, True, paper_law(rpdr_model)
 
+    with pytest.raises(InvalidInputError, match="set-point certificate"):
+        certify_move(rpdr_model, law, START, arrival=Known())
+    other = certify_law(paper_law(rpdr_model, [12.0, 12.0]), max_depth=4, budget=12)
     with pytest.raises(InvalidInputError, match="control laws"):
-        certify_move(rpdr_model, law, START, arrival=Other())
+        certify_move(rpdr_model, law, START, arrival=other)
+    with pytest.raises(InvalidInputError, match="positive"):
+        certify_move(rpdr_model, law, START, arrival=replace(other, law=law, level=0.0))
     with pytest.raises(InvalidInputError, match="simple gravity"):
         certify_move(rpdr_model, None, START, arrival=1.0)
     with pytest.raises(InvalidInputError, match="not covered"):

@@ -1,6 +1,7 @@
 """A move on a continuous joint may arrive one turn on: 𝒱 < 0 refutes only where 𝒱 is one function of the state."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ import ccpin
 from ccpin.control import PDSimpleGravity
 from ccpin.validated import certify_move
 from ccpin.validated.model.closed_loop import recorded_loop
-from ccpin.validated.sets.arrival import single_valued
+from ccpin.validated.sets.arrival_reading import single_valued
+from tests.support.parabola import KnownLoop
 
 GOAL, START = 3.316125578789226, 3.316125578789226 - (np.pi - 0.3)
 K_P, K_V = 0.003, 0.01
@@ -63,3 +65,36 @@ def test_where_the_lyapunov_function_is_one_function():
         model = ccpin.ReducedModel(ccpin.load(replace(described, joints=joints)))
         law = PDSimpleGravity(model, model.alpha(model.mechanism.q_reference), [K_P], [K_V])
         assert single_valued(recorded_loop(model, law), law) is expected
+
+
+@pytest.mark.parametrize(
+    ("steps", "unit", "independent", "stiffness", "held"),
+    [
+        (["rz"], 0, (0,), 1.0, True), (["rz"], 0, (1,), 1.0, False), (["rz"], 2, (0,), 1.0, False),
+        (["tz"], 0, (1,), 1.0, True), (["rz"], 2, (1,), 0.0, True), (["tx", "rz"], 2, (1,), 1.0, False),
+    ],
+)  # fmt: skip
+def test_springs_that_make_another_energy_one_turn_on(steps, unit, independent, stiffness, held):
+    """A joint that turns and has one: only where it is a coordinate that is a plain number."""
+    joint = SimpleNamespace(number=1, kind=SimpleNamespace(steps=steps, unit=unit), x=slice(0, 1))
+    stated = [SimpleNamespace(stated=SimpleNamespace(stiffness=stiffness))]
+    tree = SimpleNamespace(tree=SimpleNamespace(joints=stated))
+    law = SimpleNamespace(model=SimpleNamespace(mechanism=tree))
+    known = KnownLoop(joints=(joint,), independent=independent, wrapped=(), upright=())
+    assert single_valued(known, law) is held
+    known.upright = (1,)
+    assert not single_valued(known, law)
+
+
+@pytest.mark.parametrize(("gravity", "coupling", "held"), [(0.0, 0.0, True), (0.5, 0.0, False), (0.0, 0.5, False)])
+def test_angles_whose_errors_jump_half_a_turn_away(gravity, coupling, held):
+    """Of either angle; what neither gravity nor a gain couples does not jump."""
+    law = SimpleNamespace(
+        model=SimpleNamespace(mechanism=SimpleNamespace(tree=SimpleNamespace(joints=()))),
+        gravity_d=np.array([0.5, gravity, 0.0]),
+        K_p=np.array([[1.0, coupling, 0.25], [coupling, 1.0, 0.0], [0.25, 0.0, 1.0]]),
+    )
+    for places in ((4,), (4, 5), (5, 4)):
+        wrapped = tuple(SimpleNamespace(place=k) for k in places)
+        known = KnownLoop(joints=(), independent=(3, 4, 5), wrapped=wrapped, upright=())
+        assert single_valued(known, law) is (held and 5 not in places)

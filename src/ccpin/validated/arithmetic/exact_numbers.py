@@ -35,6 +35,10 @@ class ExactBox(NamedTuple):
         """Its intervals: a little wider where a radius is none of a ball, with more than 30 bits."""
         return [with_radius(*pair) for pair in zip(centres(self.parts), map(ball, self.radius.tolist()), strict=True)]
 
+    def rows(self, places: Sequence[int]) -> ExactBox:
+        """The box of some of its numbers."""
+        return ExactBox(self.parts[list(places)], self.radius[list(places)])
+
     def holds(self, other: ExactBox) -> bool:
         """Whether another box lies in it, exactly."""
         pairs = zip(*(map(_sum_of, box.parts.tolist()) for box in (self, other)), strict=True)

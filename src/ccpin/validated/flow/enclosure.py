@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, numbers
 from ccpin.errors import InvalidInputError
-from ccpin.proof.facts import Fact, NotProvedError, prove
-from ccpin.proof.verdict import Judged, Verdict, Witness
+from ccpin.proof.facts import Fact, NotProvedError, is_fact, prove
+from ccpin.proof.verdict import Judged, Verdict, Witness, not_known_of
 from ccpin.validated.arithmetic.ball_arrays import of_balls
 from ccpin.validated.arithmetic.balls import Ball, around, ball, bounds, centre_of, flint, hull
 from ccpin.validated.arithmetic.exact_numbers import ExactBox
@@ -115,7 +115,7 @@ class Enclosure(Judged):
         elif self.verdict == "proven":
             reason = f"{told}, in {steps}"
         else:
-            stopped = self.stopped or "what was found is not proved of this motion, or was pickled and not replayed"
+            stopped = self.stopped or not_known_of("this motion")
             reason = (
                 f"rigour stops at t = {self.times[-1]:.9g} s after {steps}: {stopped}; more pieces=, a higher order= "
                 "or precision=, or a smaller shortest_step= may lead farther"
@@ -142,7 +142,7 @@ class Enclosure(Judged):
     @property
     def _singular(self) -> Fact | None:
         """The fact that this motion meets a singularity."""
-        if type(self.met) is not Fact or type(self.met.claim) is not SingularMet:
+        if not is_fact(self.met, SingularMet):
             return None
         return self.met if self.met.premises[0] is self._known else None
 
@@ -155,7 +155,10 @@ class Enclosure(Judged):
         if self.motion is None:
             return self
         met = None if self.met is None else self.met.replay()
-        motion = self.motion.replay() if met is None else met.premises[0]
+        return self.resting_on(self.motion.replay() if met is None else met.premises[0], met)
+
+    def resting_on(self, motion: Fact, met: Fact | None = None) -> Enclosure:
+        """The same, of other facts."""
         assert self.asked is not None, "what has a fact was asked for"
         return replace(told_of(self.loop, self.asked, motion, self.stopped, met), assumes=self.assumes)
 

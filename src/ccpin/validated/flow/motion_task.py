@@ -12,7 +12,7 @@ from ccpin.arrays import Array, numbers, positive, step_or_infinite, vector, who
 from ccpin.control.control_law import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
-from ccpin.proof.facts import Fact
+from ccpin.proof.facts import Fact, is_fact
 from ccpin.validated.arithmetic.balls import Ball, ball, flint
 from ccpin.validated.arithmetic.exact_numbers import ExactBox, boxed
 from ccpin.validated.flow.marching import QUANTUM, StepOptions
@@ -38,7 +38,7 @@ class MotionAsked(NamedTuple):
 
     def is_of(self, motion: Fact | None) -> bool:
         """Whether a fact is about a motion from this start."""
-        if type(motion) is not Fact or type(motion.claim) is not MotionEnclosed:
+        if not is_fact(motion, MotionEnclosed):
             return False
         start = motion.premises[0].claim
         near = self.x[list(start.equations.dependent)]

@@ -1,111 +1,156 @@
-"""Whether states are in B₂: below the level, on the set point's branch, and joined to it below the level.
+"""The search for what proves an arrival: the set point, the line to it, and a box about both.
 
-The checks of 2, 3 and 4 of Theorem A (`ccpin/proof/theorems/arrival.md`), and of where 𝒱 < 0 refutes an arrival.
+What is found, `Arrived` proves: Theorem A of `ccpin/proof/theorems/arrival.md`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
-from ccpin.control.laws import PDSimpleGravity
-from ccpin.errors import InvalidInputError
-from ccpin.proof.facts import Fact
-from ccpin.validated.arithmetic.ball_arrays import exactly, hull, raised
-from ccpin.validated.arithmetic.balls import Ball, ball, upper
-from ccpin.validated.arithmetic.series import NotInvertibleError, values
+from ccpin.errors import ConvergenceError
+from ccpin.proof.facts import Fact, NotProvedError, prove
+from ccpin.validated.arithmetic.balls import Ball, ball, lower, upper
+from ccpin.validated.arithmetic.exact_numbers import ExactBox, boxed
+from ccpin.validated.arithmetic.programs import Program
+from ccpin.validated.arithmetic.series import NotInvertibleError
 from ccpin.validated.flow.marching import StepOptions, march
-from ccpin.validated.flow.motion_task import exact_q
-from ccpin.validated.flow.regularity import determinant_bound, regular
-from ccpin.validated.flow.start_search import closed_start, unique_there
-from ccpin.validated.flow.step import ProvenStep, WatchedField, start_box
-from ccpin.validated.loop_equations import ClosedLoopEquations
-from ccpin.validated.model.closed_loop import ClosedLoop
-from ccpin.validated.sets.branch import jets_of, states_of
-from ccpin.validated.sets.curvature import UnboundedError, boxes
-from ccpin.validated.sets.instants import Instants
-from ccpin.validated.sets.slices_claim import last_instant
+from ccpin.validated.flow.proved_steps import ProvedSteps
+from ccpin.validated.flow.start_claim import state_of
+from ccpin.validated.flow.start_search import proved_start
+from ccpin.validated.flow.step import ProvenStep, Start, start_box
+from ccpin.validated.sets.arrival_claim import Arrived, SetArrived
+from ccpin.validated.sets.arrival_equations import ArrivalEquations
+from ccpin.validated.sets.curvature import UnboundedError
+from ccpin.validated.sets.lyapunov import LyapunovAt, lowered, lyapunov_at, section_of
 from ccpin.validated.sets.subdivision import TOO_EARLY
 
 RETRY = 0.9  # of a level at which nothing was proven
-_MARGIN = 1e-9  # relative: the level and the bounds it comes from are doubles
+_SHORTEST = 2.0**-12  # of the line, in one step
+
+
+class WayToGoal(NamedTuple):
+    """What joins states to the set point: a fact about a box about it, and those about the line's steps."""
+
+    around: Fact
+    line: tuple[Fact, ...]
 
 
 class Goal(NamedTuple):
-    """The law's set point: the level less its margins, V(q_d) in balls, the law, the numbers of the computed σ(q_d)."""
+    """The set point searched for.
 
+    Attributes:
+        equations: What is claimed of.
+        level: c in joules.
+        sublevel: The fact that c is Theorem 3's, where it is one.
+        point: The fact about σ(q_d).
+        well: 𝒱 about it.
+        lowered: The level, as 𝒱 is counted there.
+        options: How to step along a line.
+        precision: In bits.
+    """
+
+    equations: ArrivalEquations
     level: float
-    potential: Ball
-    law: PDSimpleGravity
-    x: Array
+    sublevel: Fact | None
+    point: Fact
+    well: LyapunovAt
+    lowered: Ball
+    options: StepOptions
+    precision: int
+
+    def highest(self, box: Sequence[Ball]) -> float:
+        """An upper bound of 𝒱 on a box of states; infinite where none is proven."""
+        try:
+            return upper(self.well.over(box))
+        except (NotInvertibleError, NotProvedError):
+            return np.inf
+
+    def below(self, box: Sequence[Ball]) -> bool:
+        """Whether U is below the level on a box of configurations."""
+        return bool(ball(self.highest(self.equations.loop.at_rest(box))) < self.lowered)
+
+    def arrived(self, moved: Fact, joined: WayToGoal) -> Fact:
+        """The fact that a motion, or a tube, ends in B₂.
+
+        Raises:
+            NotProvedError: It is none.
+        """
+        claim = Arrived(self.equations, np.array([self.level]), np.array([self.precision]))
+        levels = () if self.sublevel is None else (self.sublevel,)
+        return prove(claim, moved, self.point, joined.around, *levels, *joined.line)
+
+    def all_arrived(self, covered: Fact, parts: Sequence[Fact]) -> Fact:
+        """The fact that all motions from a box of starts do.
+
+        Raises:
+            NotProvedError: It is none.
+        """
+        return prove(SetArrived(self.equations, np.array([self.level])), covered, *parts)
 
 
-def unconnected(loop: ClosedLoop, end: Sequence[Ball], goal: Goal, options: StepOptions) -> str:
-    """Theorem A's 3 and 4 for a box of states: what could not be proven, or nothing."""
-    own = loop.equations
-    q_free = list(end[: own.n_x])
-    q_d = exact_q(goal.law.model, loop, goal.law.q_d)
-    line = [(there - q_free[k].mid()).mid() for there, k in zip(q_d, own.independent, strict=True)]
+def goal_of(
+    equations: ArrivalEquations, level: float, sublevel: Fact | None, options: StepOptions, precision: int
+) -> Goal:
+    """The set point of a law, with a level.
 
-    def room(box: list[Ball]) -> float:
-        """Positive where ψ_q′ is nonsingular and U below the level."""
-        regularity = determinant_bound(own, box)
-        room_left = goal.level - upper(lyapunov(own, goal, own.at_rest(box)))
-        return min(regularity, room_left) if regularity > 0 and room_left > 0 else 0.0
+    Raises:
+        ConvergenceError: σ(q_d) is not proven to exist.
+    """
+    still = np.zeros(equations.loop.n)
+    point = proved_start(equations.loop, equations.q_d, equations.x_d, still, precision)
+    well = lyapunov_at(equations, point)
+    return Goal(equations, level, sublevel, point, well, lowered(equations, well, level), options, precision)
 
-    here = [*q_free, *line]
-    for step in march(
-        WatchedField(own.drift, room, regular(own).missing), here, 1.0, options._replace(shortest=2.0**-12)
-    ):
-        if not isinstance(step, ProvenStep):
+
+class _LineSteps(NamedTuple):
+    """Steps of a line to the set point, on whose boxes U is below the level (a `SteppedField`)."""
+
+    steps: ProvedSteps
+    goal: Goal
+
+    @property
+    def program(self) -> Program:
+        """That of q̇ constant."""
+        return self.steps.program
+
+    def series(self, start: Start, order: int) -> Sequence[Any]:
+        """As for `ProvedSteps`."""
+        return self.steps.series(start, order)
+
+    def attempt(self, start: Start, series: Sequence[Any], length: float, pieces: int) -> ProvenStep | str:
+        """A step of this length, or what is not proven."""
+        step = self.steps.attempt(start, series, length, pieces)
+        if isinstance(step, str) or all(map(self.goal.below, step.boxes)):
+            return step
+        return "U is not below the level on the line"
+
+
+def connection(goal: Goal, end: ExactBox) -> WayToGoal | str:
+    """What joins a box of states to the set point below the level, or what could not be proven."""
+    equations, options = goal.equations, goal.options._replace(shortest=_SHORTEST)
+    loop, q_d = equations.loop, equations.q_d.balls()
+    here = end.balls()[: loop.n_x]
+    line = [(there - here[k].mid()).mid() for there, k in zip(q_d, loop.independent, strict=True)]
+    here, facts = [*here, *line], list[Fact]()
+    for step in march(_LineSteps(ProvedSteps(loop.steady, goal.precision), goal), here, 1.0, options):
+        if not isinstance(step, ProvenStep) or step.fact is None:
             return "the line from the state reached to the set point is not proven to stay below the level"
         here = start_box(step.end)
-    joint = [a.union(here[k]) for a, k in zip(q_d, own.independent, strict=True)]
-    if not unique_there(own, joint, here, goal.x):
+        facts.append(step.fact)
+    joint = boxed([a.union(here[k]) for a, k in zip(q_d, loop.independent, strict=True)], goal.precision)
+    try:
+        around = proved_start(loop, joint, equations.x_d, np.zeros(loop.n), goal.precision)
+    except ConvergenceError:
         return "the state reached is not proven to be on the set point's branch of σ"
-    around_goal = closed_start(own, joint, goal.x)
-    if upper(lyapunov(own, goal, own.at_rest(around_goal))) < goal.level:
-        return ""
-    return "𝒱 is not proven to be below the level next to the set point"
-
-
-def lyapunov(loop: ClosedLoopEquations, goal: Goal, box: Sequence[Ball]) -> Ball:
-    """𝒱 on a box of states."""
-    if loop.lyapunov is None:
-        raise InvalidInputError("the law has no Lyapunov function")
-    return values(loop.lyapunov, box)[0] - goal.potential
-
-
-def single_valued(loop: ClosedLoop, law: PDSimpleGravity) -> bool:
-    """Whether 𝒱 is one continuous function of configuration and velocity, whatever turns a motion has made.
-
-    Then it never rises along any motion, and is 0 at the set point however that is reached. The theorem's text lists
-    where it may not be: angles that the law reads on circles, rotation vectors of balls, springs of joints that turn.
-    """
-    stated = law.model.mechanism.tree.joints
-    sprung = (joint for joint in loop.joints if stated[joint.number - 1].stated.stiffness)
-    for joint in sprung:
-        turns = "r" in {step[0] for step in joint.kind.steps}
-        if turns and (joint.kind.unit or joint.x.start not in loop.equations.independent):
-            return False
-    smooth = True
-    for angle in loop.equations.wrapped:
-        j = loop.equations.independent.index(angle.place)
-        smooth &= bool(law.gravity_d[j] == 0.0 and not np.delete(law.K_p[j], j).any())
-    return smooth and not loop.equations.upright
-
-
-def goal_of(loop: ClosedLoop, law: PDSimpleGravity, level: float) -> Goal:
-    """The set point of a law with a level in joules, in balls; the level is lowered as the theorem's text says."""
-    x = loop.numbers(law.q_free_d)
-    own = loop.equations
-    start = closed_start(own, exact_q(law.model, loop, law.q_d), x)
-    potential = values(own.energies, own.at_rest(start))[1]
-    told = law.model.energy(law.q_d, np.zeros(law.model.n), law.q_free_d).potential
-    return Goal(level * (1 - _MARGIN) - upper(abs(potential - ball(told))), potential, law, x)
+    claim, y = around.claim, loop.dependent
+    if not ExactBox(claim.y, claim.radius).holds(boxed(here, goal.precision).rows(y)):
+        return "the state reached is not proven to be on the set point's branch of σ"
+    if not goal.below(state_of(around).balls()):
+        return "𝒱 is not proven to be below the level next to the set point"
+    return WayToGoal(around, tuple(facts))
 
 
 class SetArrival:
@@ -113,44 +158,27 @@ class SetArrival:
 
     Attributes:
         goal: The set point and its level.
-        largest: An upper bound of 𝒱 on all cross-sections that have arrived, J.
+        joined: What joins the middle of a cross-section to the set point, by the fact about the slices that end there.
     """
 
-    def __init__(self, loop: ClosedLoop, goal: Goal, options: StepOptions, cells: int) -> None:
-        self._loop, self.goal, self._options, self._cells = loop, goal, options, cells
-        self._ask_below, self.largest = goal.level, -np.inf
+    def __init__(self, goal: Goal) -> None:
+        self.goal, self.joined = goal, dict[Fact, WayToGoal]()
+        self._ask_below = self._level = lower(goal.lowered)
 
     def __call__(self, slices: Fact) -> str:
         """What is missing at the middle of the last of some slices; nothing where all its states are in B₂."""
-        instant = last_instant(slices)
-        centre = instant.middle.at(0).balls()
-        if not upper(lyapunov(self._loop.equations, self.goal, centre)) < self._ask_below:
+        centre = section_of(slices)
+        if not self.goal.highest(centre.balls()) < self._ask_below:
             return TOO_EARLY
-        bound, reach = (slices.found[name][-1] for name in ("bound", "reach"))
-        highest = self._highest(instant, slices.claim.frame[len(slices.found["bound"]) - 1], bound, reach)
-        if not highest < self.goal.level:
-            return "𝒱 is not below the level on the whole tube"
-        missing = unconnected(self._loop, centre, self.goal, self._options)
-        if missing:
-            self._ask_below *= RETRY
-            return missing
-        self._ask_below, self.largest = self.goal.level, max(self.largest, highest)
-        return ""
-
-    def _highest(self, instant: Instants, frame: Array, bound: Array, reach: Array) -> float:
-        """An upper bound of 𝒱 on a cross-section: 𝒱(ξ̄) + |∇𝒱 A||z| + ½ |A ᵀ𝒱″A||z||z|, 𝒱″ over a box about it."""
-        loop, program = self._loop.equations, self._loop.equations.lyapunov
-        assert program is not None, "laws with a set point have a Lyapunov function"
         try:
-            around = boxes(loop, instant, reach[None], self._cells)
-            over = jets_of(around.states, loop, program)
-            v = instant.middle.at(np.s_[:, loop.n_x :])
-            thin = jets_of(states_of(loop, around.centre, v), loop, program)
+            below = self.goal.well.on_section(slices) < self.goal.lowered
         except (UnboundedError, NotInvertibleError):
-            return np.inf
-        edges = exactly(frame)
-        first = (thin.slope @ edges).size[0, 0] @ bound
-        bend = hull(over.bend, around.pieces).at((0, 0))
-        second = bound @ ((exactly(frame.T) @ bend @ edges).size @ bound)
-        value = thin.value.at(0).balls()[0]
-        return upper(value + ball(float(raised(first + raised(0.5 * second)))) - self.goal.potential)
+            below = False
+        if not below:
+            return "𝒱 is not below the level on the whole tube"
+        joined = connection(self.goal, centre)
+        if isinstance(joined, str):
+            self._ask_below *= RETRY
+            return joined
+        self._ask_below, self.joined[slices] = self._level, joined
+        return ""

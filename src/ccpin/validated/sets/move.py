@@ -1,17 +1,15 @@
 """`certify_move`: a proof that a motion ends in the sublevel set from which Theorem 3 takes over.
 
-Theorem A of `ccpin/proof/theorems/arrival.md`, and with `spread` its corollary. Its 1 is `march`, or of a set `cover`;
-2 is asked of `lyapunov`, or of a set of `SetArrival`; 3 and 4 are `unconnected`. Where one tube does not do, the starts
-are cut into parts with a tube each (`ccpin.validated.sets.subdivision`).
-
-A level that was only sampled makes the conclusion only as good as the level; the result says so.
+Theorem A of `ccpin/proof/theorems/arrival.md`, and with `spread` its corollary. `march`, or of a set `cover`, and
+`connection` propose; `Arrived`, `SetArrived` and `NeverArrives` are what is proved. Where one tube does not do, the
+starts are cut into parts with a tube each (`ccpin.validated.sets.subdivision`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,78 +17,29 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import positive
 from ccpin.control.control_law import kind_of
 from ccpin.control.laws import PDSimpleGravity
+from ccpin.control.stability.set_point.set_point_certificate import SetPointCertificate
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.assumptions import limits_left_out, without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.digests import digest, require_same
-from ccpin.proof.verdict import Judged, Verdict, Witness
-from ccpin.validated.arithmetic.balls import Ball, flint, lower, upper
-from ccpin.validated.flow.crossing import witness_of
-from ccpin.validated.flow.enclosure import Enclosure, proved_motion, told_of
+from ccpin.proof.facts import Fact, NotProvedError, prove
+from ccpin.validated.arithmetic.balls import Ball, flint
+from ccpin.validated.arithmetic.exact_numbers import exact_box
+from ccpin.validated.flow.enclosure import proved_motion, told_of
 from ccpin.validated.flow.marching import StepOptions, march
 from ccpin.validated.flow.motion_task import MotionAsked, MotionTask, task_of
 from ccpin.validated.flow.proved_steps import ProvedSteps
 from ccpin.validated.flow.start_claim import state_of
 from ccpin.validated.flow.step import ProvenStep, start_box
-from ccpin.validated.sets.arrival import RETRY, Goal, SetArrival, goal_of, lyapunov, single_valued, unconnected
+from ccpin.validated.sets.arrival import RETRY, Goal, SetArrival, WayToGoal, connection, goal_of
+from ccpin.validated.sets.arrival_claim import NeverArrives
+from ccpin.validated.sets.arrival_reading import arrival_equations_of
+from ccpin.validated.sets.proved_move import MoveCertificate
 from ccpin.validated.sets.set_enclosure import checked_cut, starts_of, told
-from ccpin.validated.sets.subdivision import Starts, Tube, TubeTask, cover, proved_set
+from ccpin.validated.sets.subdivision import Starts, TubeTask, cover, proved_set
 
-_NEVER = (
-    "at t = {:.6g} s 𝒱 < {:.6g} J, below its value 0 at the set point, and 𝒱 never rises: the motion does not arrive"
-)
 _MORE = "more pieces=, a higher order= or precision= may do more"
-
-
-class Certificate(Protocol):
-    """What a certified set point says, as a `SetPointCertificate` of `ccpin.control.stability.set_point` does."""
-
-    @property
-    def law(self) -> PDSimpleGravity:
-        """The law that it is about."""
-
-    @property
-    def level(self) -> float:
-        """The level c in joules."""
-
-    @property
-    def rigorous(self) -> bool:
-        """Whether it is proven."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class MoveCertificate(Judged):
-    """What was proven of a move.
-
-    Attributes:
-        verdict: ``"proven"``: the theorem's hypotheses hold, the motion converges to the set point. ``"refuted"``: it
-            does not, as 𝒱 < 0 at T: 𝒱 never rises along the motion, and is 0 at the set point (said only where 𝒱 is
-            one function of the state: a continuous joint may arrive one turn on, where it is another).
-            ``"undecided"``: neither.
-        reason: The verdict in a sentence, with what was spent and what more would do.
-        witness: The state at T that refutes (its velocity is the enclosure's).
-        time: T in seconds, the last part's of a set (the end of the enclosure where undecided).
-        lyapunov_start: A lower bound of 𝒱 at the start, in joules; of a set, in its middle.
-        lyapunov: An upper bound of 𝒱 at T, in joules, on all of a set.
-        level: c in joules.
-        rigorous: Whether c came with a certificate that calls it proven; with a plain number that is the caller's part.
-        enclosure: The motion up to T; of a set, that from the middle of its first part.
-        tubes: All motions of a set up to T, a tube a part; none without a spread.
-        assumes: The limits that the mechanism states and that are taken not to be met (of dry friction: `reason`).
-    """
-
-    verdict: Verdict
-    reason: str
-    witness: Witness | None
-    time: float
-    lyapunov_start: float
-    lyapunov: float
-    level: float
-    rigorous: bool
-    enclosure: Enclosure
-    tubes: tuple[Tube, ...] = ()
-    assumes: tuple[str, ...] = ()
 
 
 def certify_move(
@@ -99,7 +48,7 @@ def certify_move(
     q0: ArrayLike,
     v0: ArrayLike | None = None,
     *,
-    arrival: Certificate | float,
+    arrival: SetPointCertificate | float,
     duration: float = 1.0,
     near: ArrayLike | None = None,
     spread: ArrayLike | tuple[ArrayLike, ArrayLike] = 0.0,
@@ -136,118 +85,119 @@ def certify_move(
     """
     if kind_of(law) != "pd":
         raise InvalidInputError("the level certified is about PD with simple gravity compensation: pass that law")
-    model, (level, rigorous) = model_of(model), _level(arrival, law)
+    model, (level, sublevel) = model_of(model), _level(arrival, law)
     require_same("a certified move", law.digests, model.digests, "closures", "dynamics")
-    sampled = not rigorous and not isinstance(arrival, int | float)
     cut = checked_cut(parts, cells, np.inf)
     task = task_of(model, law, q0, near, duration, StepOptions(order, tolerance, pieces), precision)
+    set_point = None if sublevel is None else sublevel.claim.equations
     with flint().ctx.workprec(precision):
-        goal, starts = goal_of(task.loop, law, level), starts_of(task, q0, v0, spread)
+        equations = arrival_equations_of(task, law, set_point)
+        goal, starts = goal_of(equations, level, sublevel, task.options, precision), starts_of(task, q0, v0, spread)
         if starts.spread.any():
-            inside = SetArrival(task.loop, goal, task.options, cells)
-            move = _of_a_set(TubeTask(task, cut, inside), starts, parts)
+            move = _of_a_set(TubeTask(task, cut, SetArrival(goal)), starts, parts)
         else:
             move = _of_one(task, task.from_doubles(q0, v0), goal)
-    if move.verdict == "proven" and sampled:
-        move = replace(move, verdict="undecided", reason=f"{move.reason}, but that level was only sampled: certify it")
-    reason = move.reason + without_dry_friction(model.mechanism)
-    assumes = limits_left_out(model.mechanism)
-    return replace(move, reason=reason, level=level, rigorous=rigorous, assumes=assumes)
+    if move.verdict == "proven" and sublevel is None and isinstance(arrival, SetPointCertificate):
+        move = replace(move, proved=None, stopped=f"{move.reason}, but that level is not proved: certify it")
+    without, assumes = without_dry_friction(model.mechanism), limits_left_out(model.mechanism)
+    return replace(move, level=level, without=without, assumes=assumes)
 
 
 def _of_one(task: MotionTask, asked: MotionAsked, goal: Goal) -> MoveCertificate:
-    """What is proven of one start (its level is the caller's)."""
-    loop, fact = task.loop, task.start(asked)
-    start = state_of(fact).balls()
-    run = _run(task, start, goal)
-    motion, refused = proved_motion(loop.equations, fact, run.steps, [], task.precision)
+    """What is proven of one start."""
+    loop, start = task.loop, task.start(asked)
+    run = _run(task, state_of(start).balls(), goal)
+    motion, refused = proved_motion(loop.equations, start, run.steps, [], task.precision)
     if not run.stopped:
         asked = asked._replace(duration=float(motion.found["times"][-1]))
     enclosure = told_of(loop, asked, motion, refused or run.stopped)
-    if refused:
-        run = _Outcome("undecided", refused, [], refused)
-    end = start_box(run.steps[-1].end) if run.steps else start
-    return MoveCertificate(
-        run.verdict,
-        run.reason,
-        witness_of("state", loop, end) if run.verdict == "refuted" else None,
-        float(enclosure.times[-1]),
-        lower(lyapunov(loop.equations, goal, start)),
-        upper(lyapunov(loop.equations, goal, end)),
-        goal.level,
-        False,
-        enclosure,
-    )
+    proved, missing = None, refused or run.missing
+    if not missing:
+        proved, missing = _proved(goal, motion, run.joined)
+    return MoveCertificate(goal.equations, goal.level, enclosure, goal.point, proved, missing)
+
+
+def _proved(goal: Goal, motion: Fact, joined: WayToGoal | None) -> tuple[Fact | None, str]:
+    """The fact that a motion arrives, or never does where nothing joins it to the set point; or what is refused."""
+    never = NeverArrives(goal.equations, np.array([goal.precision]))
+    try:
+        return prove(never, motion, goal.point) if joined is None else goal.arrived(motion, joined), ""
+    except NotProvedError as refused:
+        return None, str(refused)
 
 
 def _of_a_set(task: TubeTask, starts: Starts, parts: int) -> MoveCertificate:
-    """What is proven of a set of starts (its level is the caller's)."""
-    arrival = task.arrived
-    assert isinstance(arrival, SetArrival)
-    found = cover(task, starts, parts)
-    tubes, middle = found.tubes, found.tubes[0].enclosure
-    covered, missing = proved_set(task.motion.loop.equations, starts, found, min(tube.duration for tube in tubes))
-    verdict: Verdict = "undecided" if covered is None else "proven"
-    time = max(tube.duration for tube in tubes)
-    reason = told(tubes, missing, parts)
-    if verdict == "proven":
-        reason = f"in {len(tubes)} tubes all motions are in B₂ from t = {time:.6g} s on: 𝒱 < {arrival.largest:.6g} J"
-    at_start = lower(lyapunov(task.motion.loop.equations, arrival.goal, middle.start))
-    highest = arrival.largest if verdict == "proven" else np.inf
+    """What is proven of a set of starts."""
+    search = task.arrived
+    assert isinstance(search, SetArrival)
+    goal, found = search.goal, cover(task, starts, parts)
+    tubes, proved = found.tubes, None
+    shortest = min(tube.duration for tube in tubes)
+    covered, missing = proved_set(task.motion.loop.equations, starts, found, shortest)
+    if covered is not None:
+        try:
+            arrived = [goal.arrived(tube, search.joined[tube.premises[-1]]) for tube in covered.premises]
+            proved = goal.all_arrived(covered, arrived)
+        except NotProvedError as refused:
+            missing = str(refused)
+    stopped = told(tubes, missing, parts) if missing else ""
     return MoveCertificate(
-        verdict, reason, None, time, at_start, highest, arrival.goal.level, False, middle, tuple(tubes)
+        goal.equations, goal.level, tubes[0].enclosure, goal.point, proved, stopped, starts, tuple(tubes)
     )
 
 
 class _Outcome(NamedTuple):
-    verdict: Verdict
-    reason: str
+    """Where steps of a motion end.
+
+    Attributes:
+        steps: They.
+        missing: What is not proven there; nothing: the motion is joined to the set point, or never arrives.
+        joined: What joins it to the set point.
+        stopped: Why there is no next step; nothing where none was due.
+    """
+
     steps: list[ProvenStep]
-    stopped: str
+    missing: str = ""
+    joined: WayToGoal | None = None
+    stopped: str = ""
 
 
 def _run(task: MotionTask, start: Sequence[Ball], goal: Goal) -> _Outcome:
     """Step until Theorem A's 1–4 hold, or until 𝒱 < 0 where that says that the motion never arrives."""
-    loop, own, options = task.loop, task.loop.equations, task.options
+    own, options, never = task.loop.equations, task.options, goal.equations.single
     steps: list[ProvenStep] = []
-    time, ask_below, missing, never = 0.0, goal.level, "𝒱 is not below the level", single_valued(loop, goal.law)
-    if (value := upper(lyapunov(own, goal, start))) < 0.0 and never:
-        return _Outcome("refuted", _NEVER.format(time, value), steps, "")
+    time, ask_below, missing = 0.0, goal.level, "𝒱 is not below the level"
+    if goal.highest(start) < 0.0 and never:
+        return _Outcome(steps)
     for step in march(ProvedSteps(own, task.precision), start, task.duration, options):
         if not isinstance(step, ProvenStep):
-            told = f"rigour stops at t = {time:.9g} s after {len(steps)} steps: {step.reason}"
-            return _Outcome("undecided", f"{told}; {_MORE}", steps, step.reason)
+            words = f"rigour stops at t = {time:.9g} s after {len(steps)} steps: {step.reason}"
+            return _Outcome(steps, f"{words}; {_MORE}", stopped=step.reason)
         steps.append(step)
         time += step.length
-        end = start_box(step.end)
-        value = upper(lyapunov(own, goal, end))
+        value = goal.highest(start_box(step.end))
         if value < 0.0 and never:
-            return _Outcome("refuted", _NEVER.format(time, value), steps, "")
+            return _Outcome(steps)
         if value < ask_below:
-            missing = unconnected(loop, end, goal, options)
-            if not missing:
-                return _Outcome("proven", f"from t = {time:.6g} s on the motion is in B₂: 𝒱 < {value:.6g} J", steps, "")
-            ask_below = RETRY * value
-    told = f"not proven to arrive within {time:.6g} s and {len(steps)} steps: {missing}"
-    return _Outcome("undecided", f"{told}; a longer duration= or {_MORE}", steps, "")
+            joined = connection(goal, exact_box(*step.end, task.precision))
+            if isinstance(joined, WayToGoal):
+                return _Outcome(steps, joined=joined)
+            missing, ask_below = joined, RETRY * value
+    words = f"not proven to arrive within {time:.6g} s and {len(steps)} steps: {missing}"
+    return _Outcome(steps, f"{words}; a longer duration= or {_MORE}")
 
 
-def _level(arrival: Certificate | float, law: PDSimpleGravity) -> tuple[float, bool]:
-    """The level, and whether its certificate says it is proven (a plain number has none); K_v is no part of it.
+def _level(arrival: SetPointCertificate | float, law: PDSimpleGravity) -> tuple[float, Fact | None]:
+    """The level, and the fact that it is Theorem 3's, where there is one; K_v is no part of it.
 
     Raises:
         InvalidInputError: It is not a positive number.
         DifferentSubjectsError: It is another law's, or that of a law of another mechanism.
     """
-    if not isinstance(getattr(arrival, "level", None), float):
-        level, rigorous = positive(arrival, "arrival", "a set-point certificate or a positive number of joules"), False
-    else:
-        assert not isinstance(arrival, int | float)
-        level, rigorous = float(arrival.level), bool(arrival.rigorous)
-        ours, theirs = (
-            one.digests._replace(law=digest((one.q_d, one.K_p, one.gravity_d))) for one in (law, arrival.law)
-        )
-        require_same("arrival at a set point", ours, theirs, "closures", "dynamics", "law")
-    if not (np.isfinite(level) and level > 0):
-        raise InvalidInputError(f"the certified level c = {level} J must be a positive number")
-    return level, rigorous
+    if not isinstance(arrival, SetPointCertificate):
+        return positive(arrival, "arrival", "a set-point certificate or a positive number of joules"), None
+    ours, theirs = (one.digests._replace(law=digest((one.q_d, one.K_p, one.gravity_d))) for one in (law, arrival.law))
+    require_same("arrival at a set point", ours, theirs, "closures", "dynamics", "law")
+    if not (np.isfinite(arrival.level) and arrival.level > 0):
+        raise InvalidInputError(f"the certified level c = {arrival.level} J must be a positive number")
+    return float(arrival.level), arrival.sublevel if arrival.verdict == "proven" else None

@@ -17,8 +17,8 @@ from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.coordinates import checked_q
 from ccpin.mechanism.assumptions import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.proof.facts import Fact
-from ccpin.proof.verdict import Judged, Verdict
+from ccpin.proof.facts import Fact, is_fact
+from ccpin.proof.verdict import Judged, Verdict, not_known_of
 from ccpin.validated.arithmetic.balls import centre_of, flint
 from ccpin.validated.flow.marching import QUANTUM, StepOptions
 from ccpin.validated.flow.motion_task import MotionTask, exact_q, task_of, velocity
@@ -61,7 +61,7 @@ class SetEnclosure(Judged):
         """The verdict in a sentence, with what stopped it and which argument to raise."""
         if self.verdict == "proven":
             return f"all motions from the set are closed and nonsingular, in {len(self.tubes)} tubes{self.assumes}"
-        stopped = self.stopped or "what was found is not proved of these motions, or was pickled and not replayed"
+        stopped = self.stopped or not_known_of("these motions")
         return stopped + self.assumes
 
     def replay(self) -> SetEnclosure:
@@ -191,7 +191,7 @@ def starts_of(task: MotionTask, q0: ArrayLike, v0: ArrayLike | None, spread: Any
 
 def covers(covered: Fact | None, tubes: Sequence[Tube], starts: Starts, duration: float) -> bool:
     """Whether a fact says that tubes hold all motions from a box of starts for some seconds."""
-    if type(covered) is not Fact or type(covered.claim) is not SetEnclosed:
+    if not is_fact(covered, SetEnclosed):
         return False
     claim = covered.claim
     known = zip((claim.q, claim.v, claim.spread), starts, strict=True)

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, numbers
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.proof.facts import Fact, NotProvedError, prove
-from ccpin.proof.verdict import Judged, Verdict
+from ccpin.proof.facts import Fact, NotProvedError, is_fact, prove
+from ccpin.proof.verdict import Judged, Verdict, not_known_of
 from ccpin.validated.arithmetic.balls import Ball, ball, centre_of
 from ccpin.validated.flow.enclosure import Enclosure, proved_motion, told_of
 from ccpin.validated.flow.marching import Stuck, march
@@ -93,13 +93,13 @@ class Tube(Judged):
         told = f"the motions within ±({widths}) of ({', '.join(f'{x:.6g}' for x in q)})"
         if self.verdict == "proven":
             return f"{told} are in the tube for {self.duration:.6g} s"
-        stopped = self.stopped or "what was found is not proved of these motions, or was pickled and not replayed"
+        stopped = self.stopped or not_known_of("these motions")
         return f"{told} are followed up to t = {self.duration:.6g} s in {len(self.slices)} slices: {stopped}"
 
     @property
     def known(self) -> Fact | None:
         """The fact about the tube, if it is about these starts."""
-        if type(self.held) is not Fact or type(self.held.claim) is not TubeHeld:
+        if not is_fact(self.held, TubeHeld):
             return None
         motion, spread = self.held.premises[0], self.held.claim.spread
         own = self.enclosure.verdict == "proven" and self.enclosure.motion is motion
@@ -128,10 +128,7 @@ class Tube(Judged):
 
     def resting_on(self, held: Fact) -> Tube:
         """The same, of another fact."""
-        asked = self.enclosure.asked
-        assert asked is not None, "what has a fact was asked for"
-        enclosure = told_of(self.enclosure.loop, asked, held.premises[0], self.enclosure.stopped)
-        return replace(self, enclosure=enclosure, held=held)
+        return replace(self, enclosure=self.enclosure.resting_on(held.premises[0]), held=held)
 
     def coordinates(self, t: float, q: ArrayLike, v: ArrayLike, effort: ArrayLike = ()) -> Array:
         """Z/u of a state at a time, of shape (N,), computed: in the tube all are within ±1.

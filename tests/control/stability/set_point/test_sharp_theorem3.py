@@ -1,5 +1,6 @@
 """What a certificate of a set point says, just where it does and does not; what is asked of a flood, and of whom."""
 
+import copy
 import pickle
 from dataclasses import replace
 from types import SimpleNamespace
@@ -72,6 +73,18 @@ def test_facts_of_other_things(known, laws):
         (told.claim, "undecided"), (None, "undecided"), (known.sublevel.replay(), "proven"), (told.replay(), "proven"),
     ):  # fmt: skip
         assert replace(known, _region=replace(region, sublevel=fact)).verdict == verdict
+
+
+def test_certificates_that_were_sent(known):
+    """Undecided until they are replayed, whatever was asked of them before; copied they are what they were."""
+    assert known.verdict == "proven"
+    sent = pickle.loads(pickle.dumps(known))
+    assert sent.verdict == "undecided"
+    again = sent.replay()
+    assert (again.verdict, str(again)) == ("proven", str(known))
+    assert copy.deepcopy(known).verdict == "proven"
+    sampled = replace(known, _region=None)
+    assert sampled.replay() is sampled
 
 
 def test_what_is_assumed_of_a_mechanism(monkeypatch):

@@ -394,6 +394,10 @@ def test_a_certificate_says_what_its_fact_does(known):
         assert made.decay == 0.0
         assert (made.errors.shape, made.speeds.shape) == (proof.errors.shape, proof.speeds.shape)
         assert (made.ultimate.shape, made.unit.shape) == (proof.ultimate.shape, proof.unit.shape)
+    sent = pickle.loads(pickle.dumps(proof))
+    assert (proof.verdict, sent.verdict, sent.replay().verdict) == ("proven", "undecided", "proven")
+    assert sent.replay().start == pytest.approx(proof.start, rel=1e-12)
+    assert replace(proof, proved=None).replay().verdict == "undecided"
     assert isinstance(proof.proved.claim, TubeKept)
     np.testing.assert_array_equal(proof.errors, proof.proved.found["bound"][:, :2])
     np.testing.assert_array_equal(proof.error, proof.errors.max(axis=0))

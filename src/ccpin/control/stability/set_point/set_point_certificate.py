@@ -5,7 +5,7 @@ The level is that of a fact, `SublevelProved`, over its cells; over a plain regi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,7 @@ from ccpin.domain.closures.system import Reading
 from ccpin.errors import CcpinError
 from ccpin.kinematics.coordinates import checked_q
 from ccpin.mechanism.assumptions import limits_left_out, mass_assumed, rubbing, without_dry_friction
-from ccpin.proof.facts import Fact
+from ccpin.proof.facts import Fact, is_fact
 from ccpin.proof.newton import Boxes, predict
 from ccpin.proof.verdict import Judged, Verdict
 
@@ -114,15 +114,24 @@ class SetPointCertificate(Judged):
         """The fact about the level, the cells and β (`SublevelProved`); without it none is proven."""
         return self._region.sublevel if isinstance(self._region, MemberCells) else None
 
+    def replay(self) -> SetPointCertificate:
+        """The same, its level proved once more from its data alone; one that was pickled is undecided until then.
+
+        Raises:
+            NotProvedError: It does not hold.
+        """
+        region = self._region
+        if not isinstance(region, MemberCells):
+            return self
+        return replace(self, _region=replace(region, sublevel=region.sublevel.replay()))
+
     @cached_property
     def _is_fact(self) -> bool:
         """Whether the level and β are those of a fact, which is about the law."""
         region = self._region
-        if not isinstance(region, MemberCells) or type(region.sublevel) is not Fact:
+        if not isinstance(region, MemberCells) or not is_fact(region.sublevel, SublevelProved):
             return False
         fact = region.sublevel
-        if type(fact.claim) is not SublevelProved:
-            return False
         told = (self.level, self.beta) == (fact.found["level"][0], fact.found["beta"][0])
         return self.rigorous and told and equations_of(self.law, region.reading).digest == fact.digest
 

@@ -6,7 +6,7 @@ motors it is about, `TubeSearch` looks for a tube, and `TubeKept` proves it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,7 @@ from ccpin.control.stability.tracking.tube_search import TubeSearch
 from ccpin.control.tracking import TrackingLaw
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.assumptions import limits_left_out, without_dry_friction
-from ccpin.proof.facts import Fact, NotProvedError, prove
+from ccpin.proof.facts import Fact, NotProvedError, is_fact, prove
 from ccpin.proof.verdict import Judged, Verdict
 
 _LEAST = 1e-9  # ε, the smallest tried
@@ -57,12 +57,20 @@ class TrackingCertificate(Judged):
     @cached_property
     def _known(self) -> Fact | None:
         """The fact, if it is one about the law, ε and f̄."""
-        if type(self.proved) is not Fact or type(self.proved.claim) is not TubeKept:
+        if not is_fact(self.proved, TubeKept):
             return None
         claim, reference = self.proved.claim, self._tube.equations.reference
         told = claim.sigma_error[0] == self.sigma_error and np.array_equal(claim.disturbance, self.disturbance)
         own = equations_of(self.law, self._tube.path.reading, reference)
         return self.proved if told and own.digest == self.proved.digest else None
+
+    def replay(self) -> TrackingCertificate:
+        """The same, its bound proved once more from its data alone; one that was pickled is undecided until then.
+
+        Raises:
+            NotProvedError: It does not hold.
+        """
+        return self if self.proved is None else replace(self, proved=self.proved.replay())
 
     def _found(self, name: str, *shape: int) -> Array:
         """A number of the fact; infinite where there is none."""
