@@ -175,7 +175,7 @@ def test_it_is_told_in_words_and_drawn(tmp_path, capsys):
         assert (tmp_path / out).stat().st_size > 10_000
     said = capsys.readouterr().out
     for words in (
-        "closes (1 loop; joints up to 0.12 m apart, 0.18 kg)",
+        "closes (1 loop; joints up to 0.12 m apart, 0.18 kg in all)",
         "moves in one way: crank",
         "motors that hold the joint they are on: crank_motor of crank",
         "doubtful: ",

@@ -48,9 +48,17 @@ def test_info_as_json(capsys):
 def test_modes(capsys):
     """Two modes over a given q, in words and as JSON."""
     assert main(["modes", "rpdr", "--q-deg", "-100", "-80"]) == 0
-    assert "2 assembly modes" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "2 assembly modes" in said
+    assert "q′ in rad and m, of joint1, joint3, joint2, joint4" in said
     assert main(["modes", "rpdr", "--q-deg", "-100", "-80", "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["modes"]) == 2
+
+
+def test_a_pose_out_of_reach_is_told(capsys):
+    """The elbows are |(0.3048, 0) + 0.2794 (u(−30°) − u(−150°))| = 0.79 m apart, the rods 0.61 m together."""
+    assert main(["modes", "rpdr", "--q-deg", "-150", "-30", "--limit", "20"]) == 0
+    assert capsys.readouterr().out.startswith("no assembly mode found: q is out of reach")
 
 
 def test_degrees_of_a_length_are_refused(capsys):
@@ -207,6 +215,19 @@ def test_convert(tmp_path, capsys):
     assert main(["convert", "rpdr", "--out", str(tmp_path / "rpdr.step")]) == 1
     assert "names none of" in capsys.readouterr().err
     assert not (tmp_path / "rpdr.step").exists()
+
+
+def test_a_yaml_brings_its_urdf_and_spares_the_source(tmp_path, capsys):
+    """robot.urdf beside it is told, and never written over what was read."""
+    source = tmp_path / "robot.urdf"
+    source.write_bytes((MODELS / "rpdr.urdf").read_bytes())
+    assert main(["convert", str(source), "--out", str(tmp_path / "robot.yaml")]) == 1
+    assert "use another folder" in capsys.readouterr().err
+    assert source.read_bytes() == (MODELS / "rpdr.urdf").read_bytes()
+    (tmp_path / "other").mkdir()
+    assert main(["convert", str(source), "--out", str(tmp_path / "other" / "robot.yaml")]) == 0
+    assert "robot.urdf is written beside it" in capsys.readouterr().out
+    assert (tmp_path / "other" / "robot.urdf").is_file()
 
 
 def test_simulate_keeps_to_limits(capsys):

@@ -86,7 +86,7 @@ def _facts(found: Soundness, description: MechanismDescription) -> dict[str, Any
 def _in_words(name: str, facts: dict[str, Any], found: Soundness) -> str:
     counted = {"loop": len(facts["stated"]), "coupling": facts["couplings"]}
     ties = ", ".join(f"{number} {word}{'s' if number > 1 else ''}" for word, number in counted.items() if number)
-    sizes = f"joints up to {facts['reach']:.3g} m apart, {facts['mass']:.4g} kg"
+    sizes = f"joints up to {facts['reach']:.3g} m apart, {facts['mass']:.4g} kg in all"
     lines = [f"{name}: {'closes' if facts['closes'] else 'was not closed'} ({ties}; {sizes})", *_gaps(found)]
     if found.mechanism is not None:
         lines += _moves(found.mechanism, found)
