@@ -241,5 +241,8 @@ def test_simulate_keeps_to_limits(capsys):
     exceeded = json.loads(capsys.readouterr().out)["exceeded"]
     beyond = [(one["joint"], one["limit"]) for one in exceeded if one["quantity"] == "effort"]
     assert beyond == [("joint1", 30.0), ("joint2", 30.0)]
+    for options, told in (([], True), (["--effort-limits", "ignore"], False)):
+        assert main([*asked[:-1], *options]) == 0
+        assert ("efforts at their limits: joint1 for" in capsys.readouterr().out) is told
     assert main([*asked, "--motor-lag", "0.002"]) == 1
     assert "--motor-lag: needs a sampled loop" in json.loads(capsys.readouterr().out)["message"]
