@@ -227,7 +227,11 @@ def test_a_yaml_brings_its_urdf_and_spares_the_source(tmp_path, capsys):
     (tmp_path / "other").mkdir()
     assert main(["convert", str(source), "--out", str(tmp_path / "other" / "robot.yaml")]) == 0
     assert "robot.urdf is written beside it" in capsys.readouterr().out
-    assert (tmp_path / "other" / "robot.urdf").is_file()
+    pair = tmp_path / "other" / "robot.yaml"
+    before = pair.with_name("robot.urdf").read_bytes()
+    assert main(["convert", str(pair), "--out", str(pair.with_name("second.yaml")), "--locked", "joint1"]) == 1
+    assert pair.with_name("robot.urdf").read_bytes() == before
+    assert main(["convert", str(pair), "--out", str(pair)]) == 0
 
 
 def test_simulate_keeps_to_limits(capsys):

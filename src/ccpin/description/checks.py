@@ -45,7 +45,7 @@ def _slack(moments: np.ndarray) -> float:
 
 
 def of_no_body(element: str, inertia: Inertia) -> str | None:
-    """A sentence where the principal moments violate the triangle inequality, as no distribution of mass has it."""
+    """A sentence where no distribution of mass has these moments: of mass 0, or against the triangle inequality."""
     moments = principal_moments(inertia)
     if inertia.mass == 0.0 and moments[2] > _slack(moments):
         return f"{element}: no body without mass has moments of inertia (the largest is {moments[2]:.6g} kg m²)"

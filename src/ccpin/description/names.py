@@ -21,7 +21,7 @@ def meant(word: str, known: Iterable[str]) -> str | None:
 
 def hint(word: str, known: Iterable[str]) -> str:
     """How a sentence about a name that is not known goes on, if one that is must have been meant."""
-    near = meant(word, known)
+    near = meant(word, sorted(known))
     return f"; did you mean '{near}'?" if near else ""
 
 

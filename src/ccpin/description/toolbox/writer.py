@@ -38,10 +38,10 @@ def write_toolbox(description: MechanismDescription, path: str | Path) -> tuple[
 
     Raises:
         DescriptionError: A closure of another kind, or what `write_urdf` refuses.
-        InvalidInputError: A file cannot be written, or robot.urdf beside it is what the description was read from.
+        InvalidInputError: A file cannot be written, or robot.urdf beside it is what was read, or a part of that.
     """
     beside = Path(path).with_name("robot.urdf")
-    if description.source and beside.exists() and beside.samefile(description.source):
+    if beside.exists() and _was_read(beside, Path(path), Path(description.source or "")):
         raise InvalidInputError(f"'{path}' has its robot.urdf beside it, which is what was read: use another folder")
     joined = [pair for closure in description.closures for pair in _pairs(description, closure)]
     links = [Link(name) for pair in joined for name in pair.frames]
@@ -57,6 +57,14 @@ def write_toolbox(description: MechanismDescription, path: str | Path) -> tuple[
     text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
     write_atomically(path, "w", lambda file: file.write(text))
     return notes
+
+
+def _was_read(beside: Path, path: Path, source: Path) -> bool:
+    """Whether robot.urdf is the source, or belongs to a YAML that is the source and another than the one to write."""
+    if not source.is_file():
+        return False
+    of_another = source.suffix in (".yaml", ".yml") and source.parent.samefile(beside.parent)
+    return beside.samefile(source) or (of_another and source.resolve() != path.resolve())
 
 
 def _pairs(description: MechanismDescription, closure: LoopClosure) -> list[_Pair]:
