@@ -2,13 +2,14 @@
 
 import re
 from html import unescape
+from io import BytesIO
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 import ccpin
-from ccpin import displays, domain, visualization
+from ccpin import displays, domain, plotting, visualization
 from tests.support.browser import opened, settle
 
 MECHANISM = ccpin.load("rpdr")
@@ -47,6 +48,15 @@ def test_a_trajectory_shows_its_curves(motion):
     lines = [line.get("points").split() for line in tree.iter("{http://www.w3.org/2000/svg}polyline")]
     assert len(lines) == 4
     assert all(line[0].startswith("0.0,") and line[-1].startswith("360.0,") for line in lines)
+
+
+def test_a_figure_shows_itself(motion):
+    """As a PNG, where it is a cell's value; of 100 dots an inch however fine a file of it would be."""
+    from PIL import Image
+
+    figure = plotting.plot_motion(motion, MECHANISM)
+    shown = Image.open(BytesIO(figure._repr_png_()))
+    np.testing.assert_allclose(shown.size, 100 * figure.get_size_inches(), atol=1)
 
 
 def test_curves_keep_their_scale():

@@ -48,9 +48,17 @@ def test_info_as_json(capsys):
 def test_modes(capsys):
     """Two modes over a given q, in words and as JSON."""
     assert main(["modes", "rpdr", "--q-deg", "-100", "-80"]) == 0
-    assert "2 assembly modes" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "2 assembly modes" in said
+    assert "q′ in rad and m, of joint1, joint3, joint2, joint4" in said
     assert main(["modes", "rpdr", "--q-deg", "-100", "-80", "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["modes"]) == 2
+
+
+def test_a_pose_out_of_reach_is_told(capsys):
+    """The elbows are |(0.3048, 0) + 0.2794 (u(−30°) − u(−150°))| = 0.79 m apart, the rods 0.61 m together."""
+    assert main(["modes", "rpdr", "--q-deg", "-150", "-30", "--limit", "20"]) == 0
+    assert capsys.readouterr().out.startswith("no assembly mode found: q is out of reach")
 
 
 def test_degrees_of_a_length_are_refused(capsys):
@@ -209,6 +217,23 @@ def test_convert(tmp_path, capsys):
     assert not (tmp_path / "rpdr.step").exists()
 
 
+def test_a_yaml_brings_its_urdf_and_spares_the_source(tmp_path, capsys):
+    """robot.urdf beside it is told, and never written over what was read."""
+    source = tmp_path / "robot.urdf"
+    source.write_bytes((MODELS / "rpdr.urdf").read_bytes())
+    assert main(["convert", str(source), "--out", str(tmp_path / "robot.yaml")]) == 1
+    assert "use another folder" in capsys.readouterr().err
+    assert source.read_bytes() == (MODELS / "rpdr.urdf").read_bytes()
+    (tmp_path / "other").mkdir()
+    assert main(["convert", str(source), "--out", str(tmp_path / "other" / "robot.yaml")]) == 0
+    assert "robot.urdf is written beside it" in capsys.readouterr().out
+    pair = tmp_path / "other" / "robot.yaml"
+    before = pair.with_name("robot.urdf").read_bytes()
+    assert main(["convert", str(pair), "--out", str(pair.with_name("second.yaml")), "--locked", "joint1"]) == 1
+    assert pair.with_name("robot.urdf").read_bytes() == before
+    assert main(["convert", str(pair), "--out", str(pair)]) == 0
+
+
 def test_simulate_keeps_to_limits(capsys):
     """Efforts are cut off by default, or told where they may go beyond; a lag needs a sampled loop."""
     asked = ("simulate", "rpdr", *MOVE_OPTIONS[:6], "--kp", "60", "--kv", "1", "--duration", "0.05", "--json")
@@ -220,5 +245,8 @@ def test_simulate_keeps_to_limits(capsys):
     exceeded = json.loads(capsys.readouterr().out)["exceeded"]
     beyond = [(one["joint"], one["limit"]) for one in exceeded if one["quantity"] == "effort"]
     assert beyond == [("joint1", 30.0), ("joint2", 30.0)]
+    for options, told in (([], True), (["--effort-limits", "ignore"], False)):
+        assert main([*asked[:-1], *options]) == 0
+        assert ("efforts at their limits: joint1 for" in capsys.readouterr().out) is told
     assert main([*asked, "--motor-lag", "0.002"]) == 1
     assert "--motor-lag: needs a sampled loop" in json.loads(capsys.readouterr().out)["message"]

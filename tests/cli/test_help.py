@@ -27,6 +27,13 @@ def examples(name):
     return re.findall(r"(?:example:)? *(ccpin .+)", COMMANDS[name].epilog or "")
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_help_fits_eighty_columns(name, monkeypatch):
+    """All but the examples, which are to be pasted whole."""
+    monkeypatch.setenv("COLUMNS", "80")
+    assert [line for line in COMMANDS[name].format_help().splitlines() if len(line) > 80 and "ccpin " not in line] == []
+
+
 @pytest.mark.parametrize(
     "name",
     ["new", "info", "check", "modes", "simulate", "domain", "merge", "verify", "view", "convert", "doctor", "examples"],
@@ -43,7 +50,7 @@ def test_a_command_shows_examples_that_run(name, tmp_path, monkeypatch, capsys):
         main([name, "--help"])
     said = capsys.readouterr().out
     assert all(line in said for line in shown)
-    assert COMMANDS[name].description in " ".join(said.split())
+    assert " ".join(COMMANDS[name].description.split()) in " ".join(said.split())
 
 
 def test_every_command_has_an_example_and_json():

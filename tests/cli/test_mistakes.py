@@ -130,14 +130,17 @@ def test_nothing_is_written_that_was_not_asked_for(typed, tmp_path, monkeypatch,
 
 
 def test_notes_in_the_same_words_become_one():
-    """In the order of their first; those that differ in more than names stay apart."""
+    """In the order of their first; those that differ in more than names and numbers stay apart."""
     notes = [f"joint 'j{k}' states no limit" for k in range(40)]
-    told = gathered([notes[0], "something else", *notes[1:], "something else", "joint 'j1' has a limit of 2"])
+    limits = ["joint 'j1' has a limit of 2", "joint 'j2' has a limit of -1.5e-3"]
+    told = gathered([notes[0], "something else", *notes[1:], "something else", "1 row", "2 rows", "3 rows", *limits])
     assert told == [
         "joint 'j0' states no limit (so too of 'j1', 'j2', 'j3' and 36 more)",
         "something else",
-        "joint 'j1' has a limit of 2",
+        *("1 row", "2 rows", "3 rows"),
+        "joint 'j1' has a limit of 2 (so too, with other numbers, of 'j2')",
     ]
+    assert gathered(notes[:5]) == ["joint 'j0' states no limit (so too of 'j1', 'j2', 'j3', 'j4')"]
     assert gathered(notes[:2]) == ["joint 'j0' states no limit (so too of 'j1')"]
     assert gathered([]) == []
 

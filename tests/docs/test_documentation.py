@@ -27,9 +27,11 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
         table.update(entries)
 
 
-LONG = {"README.md", "docs/gallery.md", "docs/pictures.md", "docs/tutorial.md"} | {
-    f"docs/howto/{name}.md" for name in ("assembly_modes", "cluster", "tracking", "workspace")
-}
+LONG = (
+    {"README.md", "docs/gallery.md", "docs/pictures.md", "docs/tutorial.md"}
+    | {f"docs/notebooks/{name}.md" for name in ("delta", "paper", "tuning")}
+    | {f"docs/howto/{name}.md" for name in ("assembly_modes", "cluster", "tracking", "workspace")}
+)
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,17 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import shtab
 
 from ccpin.cli.command import add_command, complete, judged
-from ccpin.cli.notes import gathered
+from ccpin.cli.notes import gathered, listed
 from ccpin.cli.options import add_mechanism, described, wishes
 from ccpin.cli.progress import busy
-from ccpin.dynamics.soundness import Soundness, examine
+from ccpin.description.model import MechanismDescription
+from ccpin.dynamics.plausibility import reach
+from ccpin.dynamics.soundness import Held, Soundness, examine, told_gap
 from ccpin.errors import InvalidInputError
+from ccpin.mechanism.mechanism import Mechanism
 
 _EXAMPLES = """\
 example: ccpin check rpdr
@@ -26,6 +28,8 @@ _VERDICTS = {
     "undecided": "doubtful: look at what is marked so",
     "refuted": "wrong: what is marked so contradicts itself",
 }
+
+_THEN = {True: "assembled", False: "at the least open pose found"}
 
 
 def add_check(commands: Any) -> None:
@@ -45,8 +49,8 @@ def _check(options: argparse.Namespace) -> int:
     if options.out is not None and found.mechanism is not None:
         with busy(options.json, "drawing"):
             _draw(found.mechanism, options.out)
-    facts = _facts(found, len(description.couplings))
-    print(json.dumps(facts, indent=2) if options.json else _in_words(options.mechanism, facts))
+    facts = _facts(found, description)
+    print(json.dumps(facts, indent=2) if options.json else _in_words(options.mechanism, facts, found))
     if options.out is not None and not options.json:
         print(f"wrote {options.out}" if found.mechanism is not None else f"{options.out} not written: nothing closed")
     return judged(found.verdict)
@@ -62,12 +66,14 @@ def _draw(mechanism: Any, out: Path) -> None:
         plotting.save(as_stated(mechanism) or cut_open(mechanism), out)
 
 
-def _facts(found: Soundness, couplings: int) -> dict[str, Any]:
+def _facts(found: Soundness, description: MechanismDescription) -> dict[str, Any]:
     mechanism = found.mechanism
     facts: dict[str, Any] = {
         "verdict": found.verdict,
-        "couplings": couplings,
+        "couplings": len(description.couplings),
         "closes": mechanism is not None,
+        "reach": reach(description),
+        "mass": sum(link.inertia.mass for link in description.links if link.inertia is not None),
         "stated": [gap._asdict() for gap in found.stated],
         "assembled": [gap._asdict() for gap in found.assembled],
     }
@@ -77,35 +83,50 @@ def _facts(found: Soundness, couplings: int) -> dict[str, Any]:
     return facts | {"findings": [finding._asdict() for finding in found.findings]}
 
 
-def _in_words(name: str, facts: dict[str, Any]) -> str:
+def _in_words(name: str, facts: dict[str, Any], found: Soundness) -> str:
     counted = {"loop": len(facts["stated"]), "coupling": facts["couplings"]}
     ties = ", ".join(f"{number} {word}{'s' if number > 1 else ''}" for word, number in counted.items() if number)
-    lines = [f"{name}: {'closes' if facts['closes'] else 'was not closed'} ({ties})", *_gaps(facts)]
-    if facts["closes"]:
-        ways = "one way" if facts["mobility"] == 1 else f"{facts['mobility']} ways"
-        lines.append(f"moves in {ways}: {', '.join(facts['independent'])}")
-        lines += [
-            f"  motor {motor['motor']} of {motor['joint']} holds {', '.join(motor['coordinates']) or 'nothing'}"
-            for motor in facts["motors"]
-        ]
-        lines.append(f"motors hold {facts['driven']} of {facts['mobility']}")
+    sizes = f"joints up to {facts['reach']:.3g} m apart, {facts['mass']:.4g} kg in all"
+    lines = [f"{name}: {'closes' if facts['closes'] else 'was not closed'} ({ties}; {sizes})", *_gaps(found)]
+    if found.mechanism is not None:
+        lines += _moves(found.mechanism, found)
     for weight in ("wrong", "doubtful", "told"):
-        said = [finding["sentence"] for finding in facts["findings"] if finding["weight"] == weight]
+        said = [finding.sentence for finding in found.findings if finding.weight == weight]
         lines += [f"{'note' if weight == 'told' else weight}: {sentence}" for sentence in gathered(said)]
-    return "\n".join([*lines, _VERDICTS[facts["verdict"]]])
+    return "\n".join([*lines, _VERDICTS[found.verdict]])
 
 
-def _gaps(facts: dict[str, Any]) -> list[str]:
-    after = {gap["name"]: gap for gap in facts["assembled"]}
-    then = "assembled" if facts["closes"] else "at the least open pose found"
-    return [
-        f"  loop {gap['name']}: {_gap(gap)} as stated"
-        + (f", {_gap(after[gap['name']])} {then}" if gap["name"] in after else "")
-        for gap in facts["stated"]
+def _moves(mechanism: Mechanism, found: Soundness) -> list[str]:
+    """What moves, and what of it each motor holds: those that hold their own joint alone in one line."""
+    if not mechanism.n:
+        return ["nothing moves"]
+    sizes = [(name, _ways(mechanism, name)) for name in mechanism.independent]
+    names = [f"{name} ({size} of them)" if size > 1 else name for name, size in sizes]
+    own = [motor for motor in found.held if motor.coordinates == (motor.joint,)]
+    lines = [f"moves in {'one way' if mechanism.n == 1 else f'{mechanism.n} ways'}: {', '.join(names)}"]
+    if own:
+        lines.append(f"  motors that hold the joint they are on: {', '.join(map(_motor, own))}")
+    lines += [
+        f"  motor {_motor(motor)} holds {', '.join(motor.coordinates) or 'nothing'}"
+        for motor in found.held
+        if motor not in own
     ]
+    return [*lines, f"motors hold {found.driven} of {mechanism.n}"]
 
 
-def _gap(gap: dict[str, Any]) -> str:
-    """In mm and degrees; what is below a nanometre or a millionth of a degree is 0."""
-    length, angle = 1e3 * gap["length"], np.degrees(gap["angle"])
-    return f"{length if length > 1e-6 else 0:.4g} mm {angle if angle > 1e-6 else 0:.4g}°"
+def _ways(mechanism: Mechanism, coordinate: str) -> int:
+    joint, component = mechanism.tree.split(coordinate)
+    return 1 if component else mechanism.tree.joint(joint).kind.nv
+
+
+def _motor(motor: Held) -> str:
+    return motor.motor if motor.motor == motor.joint else f"{motor.motor} of {motor.joint}"
+
+
+def _gaps(found: Soundness) -> list[str]:
+    """A line for the loops that are as far open as each other."""
+    after = {gap.name: f", {told_gap(gap)} {_THEN[found.mechanism is not None]}" for gap in found.assembled}
+    alike: dict[str, list[str]] = {}
+    for gap in found.stated:
+        alike.setdefault(f"{told_gap(gap)} as stated{after.get(gap.name, '')}", []).append(gap.name)
+    return [f"  loop{'s' if len(names) > 1 else ''} {listed(names)}: {said}" for said, names in alike.items()]

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import re
 import sys
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn, TypeVar
 
@@ -13,6 +14,7 @@ import shtab
 
 from ccpin.cli.commands import COMMANDS
 
+_WIDTH = 78  # of a help's lines, as argparse has them on a terminal of 80 columns
 N = TypeVar("N", int, float)
 
 EXIT_CODES = """\
@@ -86,7 +88,9 @@ def add_command(
 ) -> argparse.ArgumentParser:
     """A command of `COMMANDS`: examples of it, and what runs it."""
     what = COMMANDS[name].what
-    parser: argparse.ArgumentParser = commands.add_parser(name, help=what, description=what, epilog=examples)
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name, help=what, description=textwrap.fill(what, _WIDTH), epilog=examples
+    )
     parser.add_argument("--debug", action="store_true", help="show where in the program an error is raised")
     parser.set_defaults(run=run)
     return parser

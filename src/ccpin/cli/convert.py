@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 from typing import Any
 
 import shtab
@@ -29,6 +30,8 @@ def _convert(options: argparse.Namespace) -> int:
     mechanism = load(options)
     with busy(options.json, "writing"):
         notes = mechanism.save(options.out, options.to)
+    if options.to == "toolbox" or (options.to is None and Path(options.out).suffix in FORMATS["toolbox"].suffixes):
+        notes = ("its robot.urdf is written beside it", *notes)
     if options.json:
         print(json.dumps({"written": options.out, "n": mechanism.n, "notes": notes}))
     else:

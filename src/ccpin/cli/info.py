@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -63,13 +63,17 @@ def _modes(options: argparse.Namespace) -> int:
         modes = [mode._asdict() | {"q_free": mode.q_free.tolist()} for mode in found.modes]
         print(json.dumps(found._asdict() | {"modes": modes}, indent=2))
     else:
-        print("\n".join(_modes_in_words(found)))
+        print("\n".join(_modes_in_words(found, mechanism.tree.names)))
     return 130 if found.reason.startswith(INTERRUPTED) else 0
 
 
-def _modes_in_words(found: AssemblyModes) -> Iterator[str]:
+def _modes_in_words(found: AssemblyModes, joints: Sequence[str]) -> Iterator[str]:
     count = len(found.modes)
+    if not count and not found.singular:
+        yield "no assembly mode found: q is out of reach, as far as was looked (`ccpin domain FILE --sheets` proves it)"
     yield f"{count} assembly mode{'s' if count != 1 else ''} found: {found.reason}"
+    if count:
+        yield f"q′ in rad and m, of {', '.join(joints)}"
     if found.singular:
         yield f"{found.singular} starts ended at singular configurations, which belong to no mode"
     for k, mode in enumerate(found.modes, start=1):

@@ -25,7 +25,7 @@ example: ccpin new five-bar --out five_bar.urdf
 def add_new(commands: Any) -> None:
     """The command and its options."""
     kinds = "\n".join(
-        f"{kind:<10}{draft.what}: " + " ".join(f"{name}={value:g}" for name, value in draft.lengths.items())
+        f"{kind:<10}{draft.what}\n{'':<12}" + " ".join(f"{name}={value:g}" for name, value in draft.lengths.items())
         for kind, draft in DRAFTS.items()
     )
     parser = add_command(commands, "new", f"kinds and their usual lengths:\n{kinds}\n{_EXAMPLES}", _new)

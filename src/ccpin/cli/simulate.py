@@ -162,6 +162,8 @@ def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[
             + ("not within the band at the end" if settled is None else f"within the band from {settled:.3f} s on")
             + f", peak effort {np.round(metric['peak_torque'], 3).tolist()}"
         )
+    cut = ", ".join(f"{name} for {share:.0%}" for name, share in _at_limits(mechanism, trajectory).items())
+    lines += [f"efforts at their limits: {cut} of the samples (--effort-limits ignore leaves them out)"] if cut else []
     lines += [
         f"{one['quantity']} of {one['joint']} beyond {one['limit']:.4g}: {one['extreme']:.4g}"
         for one in result["exceeded"]
@@ -171,3 +173,10 @@ def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[
         pictures = "figures, data and animation" if trajectory.status != "interrupted" else "what was computed is"
         lines.append(f"{pictures} in {out}/")
     return "\n".join(lines)
+
+
+def _at_limits(mechanism: Mechanism, trajectory: Trajectory) -> dict[str, float]:
+    """The motors whose effort was cut off at a limit, by joint, and for which share of the samples."""
+    lower, upper = mechanism.motors.limits.T
+    at = (trajectory.u == lower) | (trajectory.u == upper)
+    return {name: float(share) for name, share in zip(mechanism.actuated, at.mean(axis=0), strict=True) if share > 0.0}

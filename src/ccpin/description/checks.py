@@ -11,6 +11,7 @@ import numpy as np
 from ccpin.description.closure_kinds import CLOSURE_KINDS
 from ccpin.description.joint_kinds import FIXED, JOINT_KINDS, split_component
 from ccpin.description.model import Coupling, Inertia, Joint, Link, LoopClosure, MechanismDescription, Motor
+from ccpin.description.names import hint
 from ccpin.errors import DescriptionError
 
 MAGNITUDE_LIMIT = 1e9  # m, kg, kg m²: a larger number is taken for an error of the file
@@ -44,8 +45,10 @@ def _slack(moments: np.ndarray) -> float:
 
 
 def of_no_body(element: str, inertia: Inertia) -> str | None:
-    """A sentence where the principal moments violate the triangle inequality, as no distribution of mass has it."""
+    """A sentence where no distribution of mass has these moments: of mass 0, or against the triangle inequality."""
     moments = principal_moments(inertia)
+    if inertia.mass == 0.0 and moments[2] > _slack(moments):
+        return f"{element}: no body without mass has moments of inertia (the largest is {moments[2]:.6g} kg m²)"
     if moments[0] + moments[1] >= moments[2] - _slack(moments):
         return None
     return (
@@ -107,7 +110,7 @@ class _Checker:
             element = f"joint '{joint.name}'"
             for role, link in (("parent", joint.parent), ("child", joint.child)):
                 if link not in self.links:
-                    raise self.fail(element, f"{role} link '{link}' does not exist")
+                    raise self.fail(element, f"{role} link '{link}' does not exist{hint(link, self.links)}")
             if joint.parent == joint.child:
                 raise self.fail(element, f"link '{joint.child}' is its own parent")
             if joint.child in parent_of:
@@ -200,7 +203,7 @@ class _Checker:
                 raise self.fail(element, f"type '{closure.kind}' is not one of {', '.join(CLOSURE_KINDS)}")
             for link, _ in closure.ends:
                 if link not in self.links:
-                    raise self.fail(element, f"link '{link}' does not exist")
+                    raise self.fail(element, f"link '{link}' does not exist{hint(link, self.links)}")
             if closure.link_a == closure.link_b:
                 raise self.fail(element, f"joins link '{closure.link_a}' to itself")
             self.placement_is_rigid(element, closure.placement_a)
@@ -229,11 +232,13 @@ class _Checker:
         for role, names in (("independent", self.d.independent), ("actuated", self.d.actuated)):
             for name in names or ():
                 if split_component(name, self.joints)[0] not in self.joints:
-                    raise self.fail(f"joint '{name}'", f"is marked {role} but does not exist")
+                    raise self.fail(f"joint '{name}'", f"is marked {role} but does not exist{hint(name, self.joints)}")
         for pose in (self.d.reference, *self.d.poses.values()):
             for name, values in pose.items():
                 if name not in self.joints:
-                    raise self.fail(f"joint '{name}'", "has a reference value but does not exist")
+                    raise self.fail(
+                        f"joint '{name}'", f"has a reference value but does not exist{hint(name, self.joints)}"
+                    )
                 self.is_sensible(f"joint '{name}'", values, "the reference value")
 
     def motors_are_sound(self) -> None:

@@ -239,7 +239,9 @@ def write_description(
     wanted = by_suffix.get(Path(path).suffix.lower()) if format is None else format
     if not isinstance(wanted, str) or wanted not in FORMATS:
         told = f"format {format!r:.80}" if format is not None else f"the suffix of '{path}'"
-        raise InvalidInputError(f"{told} names none of {', '.join(FORMATS)}; say format=")
+        raise InvalidInputError(
+            f"{told} names none of {', '.join(FORMATS)}; say which: format=, or --to on the command line"
+        )
     try:
         return FORMATS[wanted].write(description, path)
     except ImportError as error:

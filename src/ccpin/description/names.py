@@ -19,6 +19,12 @@ def meant(word: str, known: Iterable[str]) -> str | None:
     return shuffled or nearest(word, expected)
 
 
+def hint(word: str, known: Iterable[str]) -> str:
+    """How a sentence about a name that is not known goes on, if one that is must have been meant."""
+    near = meant(word, sorted(known))
+    return f"; did you mean '{near}'?" if near else ""
+
+
 def choices(name: str, known: Iterable[str]) -> str:
     """How an error about an unknown name ends: the one that was meant, perhaps, and all there are."""
     listed = tuple(known)

@@ -8,7 +8,8 @@ wrong, else ``undecided`` with one that is doubtful, else ``proven``.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Literal, NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,9 +20,10 @@ from ccpin.description.elements.graph import without_strays
 from ccpin.description.joint_kinds import FIXED
 from ccpin.description.model import MechanismDescription
 from ccpin.dynamics.free_system import FreeSystem
-from ccpin.errors import LoopNotClosedError
+from ccpin.dynamics.plausibility import Finding, in_radians, of_axes, of_limits, of_units
+from ccpin.errors import IndependentSetError, LoopNotClosedError
 from ccpin.kinematics.coordinates import IndependentCoordinates
-from ccpin.kinematics.tree import build_tree
+from ccpin.kinematics.tree import Tree, build_tree
 from ccpin.mechanism.loading.loader import load
 from ccpin.mechanism.loading.reference_search import stated_pose
 from ccpin.mechanism.mechanism import Mechanism
@@ -30,16 +32,8 @@ from ccpin.mechanism.poses.closure_gaps import ClosureGap, gaps
 _ROUNDING = 1e-9  # of the largest entry, or rad or m: less is none
 _OPEN, _TURNED = 1e-3, 1e-2  # of the mechanism's size, and rad: a stated pose more open than that is no rounded one
 _MASSLESS = 1e-13  # of the largest principal value of D, scaled to a unit diagonal: a smaller one is none
+_LOOSE = 1e-6  # of a unit velocity: a coordinate that moves no faster stands still
 _NAMED = 6
-
-Weight = Literal["wrong", "doubtful", "told"]
-
-
-class Finding(NamedTuple):
-    """One thing found, in a sentence, and its weight."""
-
-    weight: Weight
-    sentence: str
 
 
 class Held(NamedTuple):
@@ -87,21 +81,39 @@ def examine(
     posed = description if reference is None else with_reference(description, reference)
     posed = without_strays(posed, wishes.get("independent") or ())
     tree = build_tree(posed, floating_base)
-    stated = gaps(tree, posed.closures, stated_pose(tree, posed))
-    found = [*_of_bodies(posed), *_of_stated_pose(posed, stated)]
+    here = stated_pose(tree, posed)
+    stated = gaps(tree, posed.closures, here)
+    found = [*_of_bodies(posed), *of_units(posed), *of_limits(posed), *_of_stated_pose(tree, posed, stated)]
     if posed.actuated is None and wishes.get("actuated") is None:
         found.append(Finding("told", "no motor is stated: the independent joints are taken to have one each"))
     try:
-        mechanism = load(posed, floating_base=floating_base, **wishes)
+        mechanism, unlike = _loaded(posed, floating_base=floating_base, **wishes)
     except LoopNotClosedError as error:
+        found += of_axes(tree, posed, here)
         least = error.q_free
         assembled = gaps(tree, posed.closures, least) if np.shape(least) == (tree.model.nq,) else ()
         found.append(Finding("wrong" if error.never else "doubtful", str(error)))
         return Soundness(stated, assembled, None, (), 0, _sorted(found))
-    held, driven = _held(mechanism)
-    found += [*_of_motion(mechanism, driven), *(Finding("told", note) for note in mechanism.notes)]
+    held, driven, loose = _held(mechanism)
+    found += [
+        *unlike,
+        *_of_motion(mechanism, held, driven, loose),
+        *(Finding("told", note) for note in mechanism.notes),
+    ]
+    found += of_axes(mechanism.tree, mechanism.description, mechanism.q_reference)
     assembled = gaps(mechanism.tree, mechanism.closures, mechanism.q_reference)
     return Soundness(stated, assembled, mechanism, held, driven, _sorted(found))
+
+
+def _loaded(description: MechanismDescription, **wishes: Any) -> tuple[Mechanism, list[Finding]]:
+    """The mechanism; where the file marks more or fewer joints independent than move, as if it marked none."""
+    try:
+        return load(description, **wishes), []
+    except IndependentSetError as error:
+        if wishes.get("independent") is not None or description.independent is None:
+            raise
+        unmarked = replace(description, independent=None)
+        return load(unmarked, **wishes), [Finding("wrong", str(error))]
 
 
 def _sorted(found: list[Finding]) -> tuple[Finding, ...]:
@@ -121,14 +133,19 @@ def _of_bodies(description: MechanismDescription) -> Iterator[Finding]:
         yield Finding("told", f"without mass, though a joint moves them: {_some(light)}")
 
 
-def _of_stated_pose(description: MechanismDescription, stated: tuple[ClosureGap, ...]) -> Iterator[Finding]:
+def _of_stated_pose(tree: Tree, description: MechanismDescription, stated: tuple[ClosureGap, ...]) -> Iterator[Finding]:
     if not description.reference:
         yield Finding("told", "no pose is stated, so the loops are closed from all joints at zero")
         return
-    for gap in stated:
-        if gap.length > _OPEN * description.size or gap.angle > _TURNED:
-            open_by = f"{1e3 * gap.length:.3g} mm and {np.degrees(gap.angle):.3f}°"
-            yield Finding("doubtful", f"loop '{gap.name}' is open by {open_by} at the pose that the file states")
+    agape = [gap for gap in stated if _is_open(gap, description)]
+    for gap in agape:
+        yield Finding("doubtful", f"loop '{gap.name}' is open by {told_gap(gap)} at the pose that the file states")
+    if agape:
+        turned = gaps(tree, description.closures, stated_pose(tree, description, in_radians(description)))
+        if not any(_is_open(gap, description) for gap in turned):
+            yield Finding(
+                "doubtful", "the stated pose is in degrees: read so, its angles close the loops; state radians"
+            )
     for joint in description.joints:
         value = description.reference.get(joint.name, ())
         if len(value) == 1 and not joint.lower - _ROUNDING <= value[0] <= joint.upper + _ROUNDING:
@@ -136,8 +153,22 @@ def _of_stated_pose(description: MechanismDescription, stated: tuple[ClosureGap,
             yield Finding("doubtful", f"joint '{joint.name}' is stated at {value[0]:.4g}, outside its limits {limits}")
 
 
-def _held(mechanism: Mechanism) -> tuple[tuple[Held, ...], int]:
-    """What ρᵀSᵀ takes each motor's effort to at the reference, and its rank: the freedoms that the motors hold."""
+def _is_open(gap: ClosureGap, description: MechanismDescription) -> bool:
+    return gap.length > _OPEN * description.size or gap.angle > _TURNED
+
+
+def told_gap(gap: ClosureGap) -> str:
+    """In mm, from a metre on in m, and in degrees; what is below a nanometre or a millionth of a degree is 0."""
+    length = gap.length if gap.length > 1e-9 else 0.0
+    angle = np.degrees(gap.angle) if np.degrees(gap.angle) > 1e-6 else 0.0
+    return f"{length:.4g} m {angle:.4g}°" if length >= 1.0 else f"{1e3 * length:.4g} mm {angle:.4g}°"
+
+
+def _held(mechanism: Mechanism) -> tuple[tuple[Held, ...], int, tuple[str, ...]]:
+    """What ρᵀSᵀ takes each motor's effort to at the reference, its rank, and what moves where no motor does.
+
+    The rank is the number of freedoms that the motors hold; velocities in the kernel of S ρ are held by none.
+    """
     tree, here = mechanism.tree, mechanism.q_reference
     rho = mechanism.parametrization().at(here).rho
     motors, coordinates = (IndependentCoordinates(tree, x, here) for x in (mechanism.actuated, mechanism.independent))
@@ -146,7 +177,10 @@ def _held(mechanism: Mechanism) -> tuple[tuple[Held, ...], int]:
         moved = np.abs(row) > _ROUNDING * np.abs(row).max(initial=0.0)
         own = dict.fromkeys(name for name, is_so in zip(names, moved, strict=True) if is_so)
         held.append(Held(motor.name, joint, tuple(own)))
-    return tuple(held), int(np.linalg.matrix_rank(acts)) if acts.size else 0
+    _, singular, right = np.linalg.svd(acts if acts.size else np.zeros((1, len(names))))
+    driven = int(np.sum(singular > _ROUNDING * singular.max(initial=0.0)))
+    loose = np.abs(right[driven:]).max(axis=0, initial=0.0) > _LOOSE
+    return tuple(held), driven, tuple(dict.fromkeys(name for name, is_so in zip(names, loose, strict=True) if is_so))
 
 
 def _of_each_velocity(coordinates: IndependentCoordinates) -> list[str]:
@@ -154,11 +188,19 @@ def _of_each_velocity(coordinates: IndependentCoordinates) -> list[str]:
     return [part.name for part in coordinates.parts for _ in range(part.v.stop - part.v.start)]
 
 
-def _of_motion(mechanism: Mechanism, driven: int) -> Iterator[Finding]:
+def _of_motion(mechanism: Mechanism, held: tuple[Held, ...], driven: int, loose: tuple[str, ...]) -> Iterator[Finding]:
     mobility, n = mechanism.mobility, mechanism.n
     floating, motors = _of_the_base(mechanism), len(mechanism.actuated)
+    if n == 0 and not mechanism.locked:
+        rows = f"the loops take all {mobility.n_free} freedoms of its joints"
+        yield Finding("wrong", f"nothing moves: {rows}, so it is a structure")
+        return
+    for motor in held:
+        if not motor.coordinates:
+            yield Finding("doubtful", f"motor '{motor.motor}' moves nothing")
     if driven < n - floating:
-        yield Finding("doubtful", f"the motors hold {driven} of {n} freedoms: the others are held by nothing")
+        some = f"what nothing holds moves {_some(list(loose))}"
+        yield Finding("doubtful", f"the motors hold {driven} of {n} freedoms: {some}")
     elif driven < n:
         yield Finding("told", f"the motors hold {driven} of {n} freedoms, and the base floats")
     if motors > driven:
@@ -193,6 +235,8 @@ def _moves_no_mass(mechanism: Mechanism) -> bool:
     rho: Array = mechanism.parametrization().at(mechanism.q_reference).rho
     moved = rho.T @ FreeSystem(mechanism.tree).mass_matrix(mechanism.q_reference) @ rho
     scale = np.sqrt(np.diag(moved))
+    if not scale.size:
+        return False
     if not (scale > 0.0).all():
         return True
     return bool(np.linalg.eigvalsh(moved / np.outer(scale, scale))[0] < _MASSLESS)

@@ -31,10 +31,11 @@ STYLE = {
 def drawing(title: str, size: tuple[float, float], **style: Any) -> Iterator[Figure]:
     """A new figure in the common style, `style` added, of a size in inches, to draw into meanwhile."""
     from matplotlib import rc_context
-    from matplotlib.figure import Figure
+
+    from ccpin.plotting.shown_figure import ShownFigure
 
     with rc_context(STYLE | style):
-        figure = Figure(figsize=size, layout="constrained")
+        figure = ShownFigure(figsize=size, layout="constrained")
         figure.suptitle(title)
         yield figure
 

@@ -303,7 +303,7 @@ def test_what_locking_changes_is_told():
     """Symmetric mass: exact and said so; bent rods and damped balls keep their inertia; a swing stays free."""
     exact, damped = ccpin.load(_rod()), ccpin.load(_rod(damping=0.1))
     assert any("0.001 kg m², is left out" in note and "exactly" in note for note in exact.notes)
-    assert any("Damping, friction or a rotor of ball acts on it" in note for note in damped.notes)
+    assert any("Damping, friction or a rotor of 'ball' acts on it" in note for note in damped.notes)
     bent = Inertia(1.0, np.array([0.25, 0.02, 0.0]), np.diag([0.001, 0.1, 0.1]))
     loaded = ccpin.load(_rod(bent))
     assert any("not symmetric about that axis" in note for note in loaded.notes)

@@ -40,7 +40,7 @@ def test_bodies_that_a_slide_joins_spin_together():
     assert mechanism.independent == mechanism.actuated == tuple(f"leg{k}" for k in range(6))
     free = ccpin.load(platform(), free=["all"])
     assert (mechanism.n, free.n, len(free.mobility.idle)) == (6, 12, 6)
-    assert free.mobility.idle[0].startswith("cylinder0 with piston0 can spin about its axis")
+    assert free.mobility.idle[0].startswith("'cylinder0' with 'piston0' can spin about its axis")
     assert ccpin.domain.kantorovich_radius(mechanism, mechanism.q_reference) > 1e-3
 
 

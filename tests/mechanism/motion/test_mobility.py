@@ -91,7 +91,7 @@ def test_idle_rod():
     mechanism = ccpin.load(rod())
     assert (mechanism.n_free, mechanism.mobility.rank, mechanism.n) == (4, 3, 1)
     assert len(mechanism.mobility.idle) == 1
-    assert mechanism.mobility.idle[0].startswith("rod can spin about its axis: direction (0.8, 0.6, 0)")
+    assert mechanism.mobility.idle[0].startswith("'rod' can spin about its axis: direction (0.8, 0.6, 0)")
 
 
 def test_no_idle_motion_in_the_case_study(rpdr):

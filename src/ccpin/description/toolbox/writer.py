@@ -13,6 +13,7 @@ from ccpin.arrays import Array
 from ccpin.description.elements.xml import cannot
 from ccpin.description.model import IDENTITY, Joint, Link, LoopClosure, MechanismDescription, frame
 from ccpin.description.urdf.writer import write_urdf
+from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 
 _AXIS_POINT = frame([0.0, 0.0, 0.1])  # a second point on the axis, 0.1 m along it: with both held, one turn is left
@@ -37,14 +38,17 @@ def write_toolbox(description: MechanismDescription, path: str | Path) -> tuple[
 
     Raises:
         DescriptionError: A closure of another kind, or what `write_urdf` refuses.
-        InvalidInputError: A file cannot be written.
+        InvalidInputError: A file cannot be written, or robot.urdf beside it is what was read, or a part of that.
     """
+    beside = Path(path).with_name("robot.urdf")
+    if beside.exists() and _was_read(beside, Path(path), Path(description.source or "")):
+        raise InvalidInputError(f"'{path}' has its robot.urdf beside it, which is what was read: use another folder")
     joined = [pair for closure in description.closures for pair in _pairs(description, closure)]
     links = [Link(name) for pair in joined for name in pair.frames]
     joints = [joint for pair in joined for joint in pair.joints]
     everything = {"links": (*description.links, *links), "joints": (*description.joints, *joints)}
     urdf = replace(description, closures=(), **everything)  # type: ignore[arg-type]
-    notes = write_urdf(urdf, Path(path).with_name("robot.urdf"))
+    notes = write_urdf(urdf, beside)
     document = {
         "closed_loop": [list(pair.frames) for pair in joined],
         "type": [pair.kind for pair in joined],
@@ -53,6 +57,14 @@ def write_toolbox(description: MechanismDescription, path: str | Path) -> tuple[
     text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
     write_atomically(path, "w", lambda file: file.write(text))
     return notes
+
+
+def _was_read(beside: Path, path: Path, source: Path) -> bool:
+    """Whether robot.urdf is the source, or belongs to a YAML that is the source and another than the one to write."""
+    if not source.is_file():
+        return False
+    of_another = source.suffix in (".yaml", ".yml") and source.parent.samefile(beside.parent)
+    return beside.samefile(source) or (of_another and source.resolve() != path.resolve())
 
 
 def _pairs(description: MechanismDescription, closure: LoopClosure) -> list[_Pair]:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from ccpin.description.elements.joint_tree import JointTree
 from ccpin.description.elements.xml import XmlElement, child, children, fail, number, numbers, text_attribute, truth
 from ccpin.description.model import Coupling, CouplingTerm, Joint, LoopClosure
+from ccpin.description.names import hint
 from ccpin.description.urdf.loop_elements import read_loops
 
 _MOST_TERMS = 1_000_000  # joints over all couplings: bounds time and memory
@@ -71,7 +72,7 @@ def _couplings(root: XmlElement, joints: Sequence[Joint]) -> tuple[list[Coupling
         ends = [text_attribute(child(element, role), "link") for role in ("predecessor", "successor")]
         for role, link in zip(("predecessor", "successor"), ends, strict=True):
             if link not in tree.links:
-                raise fail(element, f"{role} link '{link}' does not exist")
+                raise fail(element, f"{role} link '{link}' does not exist{hint(link, tree.links)}")
         between = list(tree.moving_between(*ends))
         drivers, driven = ([joint.name for joint, side in between if side == wanted] for wanted in (1.0, -1.0))
         count += len(between)

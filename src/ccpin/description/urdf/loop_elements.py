@@ -34,6 +34,7 @@ from ccpin.description.elements.xml import (
     unread,
 )
 from ccpin.description.model import IDENTITY, X_AXIS, Joint, LoopClosure, frame, frame_from_rpy, inverse, rotation_to
+from ccpin.description.names import hint
 from ccpin.errors import DescriptionError
 
 # What URDF+ and Isaac Sim call closure kinds beside ccpin's own names.
@@ -90,7 +91,7 @@ class _ZeroPoses:
         """The frame (4, 4) of the second link in the first's, at zero displacement."""
         for link in (first, second):
             if link not in self._poses:
-                raise fail(element, f"link '{link}' does not exist")
+                raise fail(element, f"link '{link}' does not exist{hint(link, self._poses)}")
         return inverse(self._poses[first]) @ self._poses[second]
 
 

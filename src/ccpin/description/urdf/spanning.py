@@ -10,6 +10,7 @@ from ccpin.description.elements.closing_frames import closing_pairs
 from ccpin.description.elements.graph import Connection, as_loop, loop_notes, zero_poses
 from ccpin.description.elements.xml import XmlElement, children, fail, text_attribute, truth
 from ccpin.description.model import Coupling, Joint, Link, LoopClosure, inverse
+from ccpin.description.names import hint
 from ccpin.description.sdf.gearboxes import gear_couplings
 from ccpin.description.sdf.joints import (
     JointFrames,
@@ -140,7 +141,7 @@ class _Extension:
             return name
         if name in (WORLD, MODEL):
             return self._base
-        raise fail(element, f"link '{name}' does not exist")
+        raise fail(element, f"link '{name}' does not exist{hint(name, self._links)}")
 
     def _pose(self, name: str, element: XmlElement) -> Array:
         link = self._known(name, element)

@@ -180,7 +180,7 @@ def hold(description: MechanismDescription, tree: Tree, q_free: Array, spins: Se
 def _without_spin(spin: Spin) -> tuple[dict[str, Inertia | None], str]:
     """The inertia of the spinning links without their moment about the axis, and what that changes, in words."""
     tree, masses = spin.settled.part.tree, spin.masses
-    acting = [joint.name for joint in spin.joints if _acted_on(joint)]
+    acting = [f"'{joint.name}'" for joint in spin.joints if _acted_on(joint)]
     if acting or not all(mass.symmetric for mass in masses):
         why = f"Damping, friction or a rotor of {', '.join(acting)} acts on it"
         why = why if acting else "Its mass is not symmetric about that axis"

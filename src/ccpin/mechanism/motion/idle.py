@@ -136,7 +136,8 @@ class _Allowed:
 
 def _named(tree: Tree, group: set[int]) -> str:
     bodies = [name for name, place in tree.attachments.items() if place.joint in group]
-    return " with ".join(sorted(b for b in bodies if tree.model.inertias[tree.attachments[b].joint].mass > 0)[:2])
+    heavy = sorted(b for b in bodies if tree.model.inertias[tree.attachments[b].joint].mass > 0)
+    return " with ".join(f"'{name}'" for name in heavy[:2])
 
 
 def _sentence(named: str, spin: Turning | None, count: int, pose: Array) -> str:
