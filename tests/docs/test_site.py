@@ -10,7 +10,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from tests.support.browser import click, opened, settle
+from tests.support.browser import FAINT, click, opened, settle
 from tests.support.places import ROOT
 
 pytestmark = pytest.mark.slow
@@ -118,3 +118,13 @@ def test_a_page_fits_a_phone(site, name):
     """Tables and code scroll in themselves; the page does not."""
     with opened((site / f"{name}.html").as_uri(), 360, 740) as page:
         assert page.evaluate("document.documentElement.scrollWidth") <= 360
+
+
+@pytest.mark.parametrize("dress", ["default", "slate"])
+def test_words_stand_out_on_the_site(site, dress):
+    """By light and by dark, 4.5 to 1; the mark behind headings shows only under the pointer."""
+    with opened((site / "tutorial.html").as_uri(), 1280, 800) as page:
+        page.evaluate(f"document.body.setAttribute('data-md-color-scheme', '{dress}')")
+        settle(page, 600)
+        assert page.evaluate(f"{FAINT}(4.5).filter(([what]) => !what.includes('headerlink'))") == []
+        assert page.evaluate(f"{FAINT}(22).length") > 50
