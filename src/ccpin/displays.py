@@ -9,7 +9,8 @@ import numpy as np
 
 from ccpin.arrays import Array
 
-COLOURS = ("#1f6fb5", "#d9661f", "#2f9e6e", "#a23b72", "#7a5cc0", "#8a7a1c")
+COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+"""Okabe and Ito's, which eyes without red or green cones tell apart too."""
 POINTS = 300
 """A curve is drawn through at most so many of its samples."""
 BOXES = 4000
@@ -34,7 +35,7 @@ def curves(x: Array, ys: Array, names: Sequence[str], width: int = 360, height: 
         colour = COLOURS[k % len(COLOURS)]
         points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across, up[:, k], strict=True))
         lines.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.5"/>')
-        words.append(f'<span style="color:{colour}">{escape(name)}</span>')
+        words.append(f'<span style="color:{colour}">&#9632;</span> {escape(name)}')
     words.append(f"{low:.4g} … {high:.4g}")
     return f"<div>{_svg(lines, width, height)}<br/><small>{', '.join(words)}</small></div>"
 
@@ -47,12 +48,12 @@ def boxes(lower: Array, upper: Array, region: tuple[Array, Array], mark: Array, 
     place = np.stack([lower[largest, 0] - region[0][0], region[1][1] - upper[largest, 1]], axis=1) * scale
     extent = (upper - lower)[largest] * scale
     drawn = [
-        f'<rect x="{x:.2f}" y="{y:.2f}" width="{w:.2f}" height="{h:.2f}" fill="#cfe6d8" stroke="#2f9e6e"'
+        f'<rect x="{x:.2f}" y="{y:.2f}" width="{w:.2f}" height="{h:.2f}" fill="#cfe6d8" stroke="#009e73"'
         ' stroke-width="0.3"/>'
         for (x, y), (w, h) in zip(place, extent, strict=True)
     ]
     dot = (mark - region[0]) * scale
-    drawn.append(f'<circle cx="{dot[0]:.2f}" cy="{width[1] * scale - dot[1]:.2f}" r="3" fill="#d9661f"/>')
+    drawn.append(f'<circle cx="{dot[0]:.2f}" cy="{width[1] * scale - dot[1]:.2f}" r="3" fill="#d55e00"/>')
     return _svg(drawn, float(width[0]) * scale, float(width[1]) * scale)
 
 

@@ -54,10 +54,14 @@ def test_every_block_says_what_it_is():
             assert block.language in KNOWN or block.title, f"{page}:{block.line}: {block.language}"
 
 
-def test_dots_stand_for_anything():
-    """What a page shows of an output is compared but for its dots."""
-    assert alike("n = 2\nin 0.31 s\n", "n = 2\nin … s")
-    assert not alike("n = 3\nin 0.31 s\n", "n = 2\nin … s")
+def test_dots_stand_for_lines_left_out():
+    """Numbers are shown as they are printed: within a line nothing is left out."""
+    assert alike("n = 2\nin 0.31 s\n", "n = 2\n…")
+    assert alike("n = 2\nin 0.31 s\n", "n = 2\n…\nin 0.31 s\n")
+    assert alike("n = 2\n1\n2\nin 0.31 s\n", "n = 2\n…\nin 0.31 s\n")
+    assert not alike("n = 2\nin 0.31 s\n", "n = 2\nin … s")
+    assert not alike("n = 3\nin 0.31 s\n", "n = 2\n…")
+    assert not alike("n = 2\nin 0.31 s\n", "…\nn = 3\n…")
 
 
 def test_the_readme_begins_in_plain_words():

@@ -17,6 +17,29 @@ from numpy.typing import NDArray
 
 from ccpin.visualization.browser import BrowserPage
 
+FAINT = """(least => {
+  const parse = text => { const n = text.match(/[\\d.]+/g).map(Number);
+    return [...n.slice(0, 3), n[3] ?? 1]; };
+  const over = ([r, g, b, a], [x, y, z]) => [r * a + x * (1 - a), g * a + y * (1 - a), b * a + z * (1 - a), 1];
+  const linear = v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
+  const light = rgb => rgb.slice(0, 3).map(v => linear(v / 255))
+    .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
+  const behind = e => { const layers = [];
+    for (let at = e; at; at = at.parentElement) {
+      if (at.id === 'stage') { layers.push(parse('rgb(213, 220, 229)')); break; }    // the darkest of its gradient
+      layers.push(parse(getComputedStyle(at).backgroundColor)); }
+    return layers.reverse().reduce((under, layer) => over(layer, under), parse('rgb(255, 255, 255)')); };
+  const faint = [];
+  for (const e of document.querySelectorAll('body *')) {
+    const words = [...e.childNodes].some(node => node.nodeType === 3 && node.textContent.trim());
+    if (!words || !e.checkVisibility() || e.closest('script, style, :disabled, option, .dg')) continue;
+    const back = behind(e), [a, b] = [light(back), light(over(parse(getComputedStyle(e).color), back))];
+    const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+    if (ratio < least) faint.push([e.tagName + ' ' + e.id + e.className, e.textContent.slice(0, 30), ratio]);
+  }
+  return faint;
+})"""
+"""Of a contrast: [element, its words, contrast] of all words that stand out less from what is behind them."""
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 

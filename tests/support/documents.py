@@ -59,7 +59,7 @@ def run(page):
 
     A block with a title is a file of that name. Python without one runs in one namespace for the whole page, and a
     ``text`` block after it is what it prints. In ``console`` blocks lines after ``$`` are commands, all others what
-    they print; in ``sh`` blocks every line is a command. In what is printed … stands for anything.
+    they print; in ``sh`` blocks every line is a command. A line … in what is printed stands for lines left out.
     """
     for file in files(page):
         shutil.copy(file, file.name)
@@ -140,6 +140,7 @@ OTHERS = {
 
 
 def alike(said, expected):
-    """Whether a text is as a page shows it, … standing for anything, spaces at line ends for nothing."""
-    said, expected = ("\n".join(line.rstrip() for line in text.strip().splitlines()) for text in (said, expected))
-    return re.fullmatch(".*?".join(map(re.escape, expected.split("…"))), said, re.S) is not None
+    """Whether a text is as a page shows it: a line … stands for any lines, or none; spaces at line ends for nothing."""
+    said, expected = ("".join(f"{line.rstrip()}\n" for line in text.strip().splitlines()) for text in (said, expected))
+    shown = re.split(r"^…\n", expected, flags=re.M)
+    return re.fullmatch(r"(?:.*\n)*?".join(map(re.escape, shown)), said) is not None

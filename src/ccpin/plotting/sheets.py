@@ -15,8 +15,8 @@ from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.plotting.atlases import cells_drawn, check_plane
 from ccpin.plotting.style import Figure, coordinate_labels, drawing
 
-_OPEN = "#b9bec6"
-_COUNTS = ("#f4f5f7", "#cfe3f5", "#9ecae1", "#9ccb9f", "#6bae8d", "#f2d16b", "#e9a15b")
+_OPEN = "#a7adb6"
+_COUNTS = ("#f4f5f7", "#f3c6b0", "#56b4e9", "#fff3b0", "#009e73", "#f2d16b", "#f0e442")
 
 
 def plot_sheets(

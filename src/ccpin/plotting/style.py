@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ccpin.arrays import instance
+from ccpin.displays import COLOURS as COLOURS
 from ccpin.errors import InvalidInputError
 from ccpin.files import writable_target, write_atomically
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 
 Figure: TypeAlias = "matplotlib.figure.Figure"
 """Matplotlib's, which is imported when a figure is drawn."""
-COLOURS = ("#d1541f", "#1f6fb2", "#3a8f4d", "#8a4fa3", "#b58900", "#5a6570")
 STYLE = {
     "font.size": 10,
     "axes.grid": True,

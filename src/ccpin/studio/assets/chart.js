@@ -320,6 +320,15 @@ function listenChart() {
     drive(pointAt(event));
   };
   sheet.onpointermove = event => { if (sheet.hasPointerCapture(event.pointerId)) drive(pointAt(event)); };
+  sheet.onkeydown = event => {            // a hundredth of the map's width at a press
+    const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1] }[event.key], [low, high] = view2();
+    if (!step || link.offline) return;
+    event.preventDefault();
+    event.stopPropagation();
+    const q = [...here.q];
+    chart.axes.forEach((axis, k) => { q[axis] += step[k] * (high[k] - low[k]) / 100; });
+    drive(q);
+  };
   sheet.addEventListener("wheel", zoom, { passive: false });
   sheet.ondblclick = () => { chart.zoom = null; paintSoon(); };
   new ResizeObserver(paintSoon).observe(sheet);

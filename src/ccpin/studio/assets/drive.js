@@ -127,7 +127,7 @@ const MATRIX = 7;                        // coordinates up to which D is shown w
 function showFacts({ phi, rcond, D, g, q_free: joints, beyond }) {
   const share = Math.max(0, Math.min(1, 1 + Math.log10(Math.max(rcond, 1e-12)) / 6));   // a millionth: empty
   byId("facts").innerHTML = `<tr><td>1/κ(ψ)</td><td>${rcond.toExponential(2).replace("-", "−")}</td>` +
-    `<td><meter min="0" max="1" low="0.45" high="0.6" optimum="1" value="${share}"></meter></td></tr>` +
+    `<td><meter aria-label="Distance from singularities" min="0" max="1" low="0.45" high="0.6" optimum="1" value="${share}"></meter></td></tr>` +
     `<tr><td>‖φ‖</td><td>${phi.toExponential(1).replace("-", "−")}</td><td></td></tr>` +
     (beyond.length ? `<tr><td>beyond limits</td><td colspan="2">${beyond.map(name => name.replace(/</g, "&lt;")).join(", ")}</td></tr>` : "");
   const most = g.length > 3 ? 3 : 4;

@@ -1,6 +1,6 @@
 // Four plots of a motion over one time: the cursor of one is the cursor of all, and drags the picture through the motion.
 const motion = { now: null, at: -1, plots: [] };
-const LINES = ["#2970bd", "#e06d1e", "#2e8b57", "#7b2d8e", "#b8921a", "#5d6875"];
+const LINES = ["#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
 const ROOM = { left: 52, right: 10, top: 24, bottom: 24 };
 
 function plotsOf(said) {
@@ -52,11 +52,12 @@ function paintPlot({ canvas, title, rows, names, levels }) {
   }
   brush.textBaseline = "top";
   brush.textAlign = "center";
-  for (const time of ticks(t[0], t.at(-1), (width - 60) / 60, false)) {
+  const times = ticks(t[0], t.at(-1), (width - 60) / 60, false);
+  for (const time of times) {
     const at = x(time), last = at > width - 26;
     brush.strokeRect(Math.round(at) + 0.5, ROOM.top, 0, height - ROOM.top - ROOM.bottom);
     brush.textAlign = last ? "right" : "center";
-    brush.fillText(last ? `${digits(time)} s` : digits(time), last ? width - 3 : at, height - ROOM.bottom + 6);
+    brush.fillText(digits(time) + (time === times.at(-1) ? " s" : ""), last ? width - 3 : at, height - ROOM.bottom + 6);
   }
   brush.textAlign = "left";
   brush.textBaseline = "alphabetic";
@@ -103,6 +104,8 @@ function makePlots(said) {
     const holder = document.createElement("div"), canvas = document.createElement("canvas"), hand = document.createElement("i");
     holder.className = "plot";
     hand.className = "cursor";
+    canvas.role = "img";
+    canvas.ariaLabel = `${plot.title} over time [s]`;
     holder.append(canvas, hand);
     byId("plots").append(holder);
     const scrubTo = event => {

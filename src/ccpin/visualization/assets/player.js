@@ -13,7 +13,7 @@ function takeOver() {                    // a new animation has come: from its s
   if (animator.actions === player.actions) return;
   player.actions = animator.actions;
   player.duration = animator.duration;
-  player.playing = animator.playing && player.duration > 0;
+  player.playing = animator.playing && player.duration > 0 && !calm.matches;
   player.loop = player.actions.some(action => action.repetitions === Infinity);
   animator.pause();
   seek(0);
@@ -86,7 +86,9 @@ function refresh() {
   for (const button of tools.querySelectorAll("button")) {
     const { view: preset, toggle: name } = button.dataset;
     button.hidden = Boolean(name) && !there[name];
-    button.classList.toggle("on", name ? Boolean(shown[name]) : preset === view.name && !view.touched);
+    const on = name ? Boolean(shown[name]) : preset === view.name && !view.touched;
+    button.classList.toggle("on", on);
+    if (name || preset) button.ariaPressed = on;
     if (name === "labels") write(button, ["Labels", "Motors", "All names"][shown.labels]);
   }
 }
@@ -118,9 +120,11 @@ function listen() {
     if (preset) button.onclick = () => look(preset);
     if (name) button.onclick = () => toggle(name);
   }
+  addEventListener("click", event => event.detail && event.target.closest?.("button")?.blur());   // space plays after a click
   addEventListener("keydown", event => {
     const press = KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (!press || event.ctrlKey || event.metaKey || event.altKey || event.target.closest?.(".dg, select, textarea, input:not(#scrub)")) return;
+    if (event.key === " " && event.target.closest?.("button, summary")) return;   // it presses what Tab has led to
     event.preventDefault();
     press();
   });

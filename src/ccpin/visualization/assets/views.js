@@ -1,5 +1,6 @@
 // The camera: presets that frame the whole motion in a window of any shape, until somebody turns the scene by hand.
 const FLIGHT = 350;                      // ms from one view to the next
+const calm = matchMedia("(prefers-reduced-motion: reduce)");         // of who wants nothing to move by itself
 const view = { name: "iso", told: null, touched: false, flight: null, window: "" };
 
 function pose(name) {
@@ -19,7 +20,7 @@ function stand({ target, position, zoom }) {
 function look(name, smoothly = true) {   // to a preset
   Object.assign(view, { name, touched: false, flight: null });
   const { camera, controls } = viewer;
-  if (!smoothly || document.hidden) return stand(pose(name));
+  if (!smoothly || document.hidden || calm.matches) return stand(pose(name));
   const from = { target: controls.target.clone(), position: camera.position.clone(), zoom: camera.zoom };
   view.flight = { from, to: pose(name), start: performance.now() };
 }
