@@ -21,7 +21,7 @@ if [ ! -e "$stamp" ] || [ -n "$(find pyproject.toml native -newer "$stamp")" ]; 
         --dest .venv/wheel "ccpin==$version" 2>/dev/null &&
         .venv/bin/python native/fitting.py .venv/wheel/*.whl src/ccpin/native; then
         install "scikit-build-core>=0.10"
-        install --no-build-isolation -C wheel.cmake=false -e ".${EXTRAS:+[$EXTRAS]}"
+        install --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -e ".${EXTRAS:+[$EXTRAS]}"
     else
         install -e ".${EXTRAS:+[$EXTRAS]}"
     fi

@@ -147,7 +147,8 @@ def set_up(folder, digest):
         stray.unlink()
     subprocess.run([sys.executable, "-m", "venv", folder / ".venv"], check=True)
     inherited = Path(next(folder.glob(".venv/lib/python*/site-packages"))) / "inherited.pth"
-    inherited.write_text(str(Path(yaml.__file__).parents[1]), encoding="utf-8")  # the dependencies, installed already
+    own = [path for path in sys.path if Path(path).is_relative_to(sys.prefix)]  # the dependencies, installed already
+    inherited.write_text("\n".join(own), encoding="utf-8")
     (folder / "dist").mkdir()
     version = ccpin.__version__
     about = {"METADATA": f"Metadata-Version: 2.1\nName: ccpin\nVersion: {version}\n", "RECORD": ""}
