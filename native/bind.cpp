@@ -12,6 +12,11 @@ NB_MODULE(_core, module) {
   using ccpin::Kernel, ccpin::HeldMotion;
   const auto arg = [](const char* name) { return nb::arg(name).none(); };  // None fits no shape: the kernel declines
   if (import_numpy() < 0) throw nb::python_error();
+#ifdef NDEBUG
+  // What a daemon thread still holds when the interpreter ends is never freed: Python leaves its frames alone. nanobind would
+  // tell the user of a leak of the binding's for each kernel among it.
+  nb::set_leak_warnings(false);
+#endif
   const auto near = arg("near");
   const auto q = arg("q") = nb::none();
   const auto wrenches = arg("wrenches") = nb::none();

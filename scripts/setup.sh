@@ -12,8 +12,19 @@ export PYTHONPYCACHEPREFIX="$PWD/.venv/pycache"
 [ -x .venv/bin/python ] || "$PYTHON" -m venv .venv
 stamp=".venv/.installed-${EXTRAS:-plain}"
 # --no-compile: most of 14,000 files are never imported, and what is is compiled then, on both cores
+install() { .venv/bin/python -m pip install --quiet --no-compile --disable-pip-version-check "$@"; }
 if [ ! -e "$stamp" ] || [ -n "$(find pyproject.toml native -newer "$stamp")" ]; then
-    .venv/bin/python -m pip install --quiet --no-compile --disable-pip-version-check -e ".${EXTRAS:+[$EXTRAS]}"
+    rm -rf .venv/wheel src/ccpin/native/_core.*.so
+    version="$(sed -n 's/^version = "\(.*\)"$/\1/p' pyproject.toml)"
+    # a wheel of the same native/, from dist/ or the index, spares the compiler; else the core is built
+    if .venv/bin/python -m pip download --quiet --disable-pip-version-check --no-deps --only-binary :all: --find-links dist \
+        --dest .venv/wheel "ccpin==$version" 2>/dev/null &&
+        .venv/bin/python native/fitting.py .venv/wheel/*.whl src/ccpin/native; then
+        install "scikit-build-core>=0.10"
+        install --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -e ".${EXTRAS:+[$EXTRAS]}"
+    else
+        install -e ".${EXTRAS:+[$EXTRAS]}"
+    fi
     touch "$stamp"
     .venv/bin/python -c '
 import ccpin

@@ -89,6 +89,12 @@ OUTERMOST = ("__init__", "cli", "__main__")  # public names, then what calls the
 PINOCCHIO = {"kinematics", "mechanism", "dynamics", "visualization"}
 HEAVY = ("numpy", "scipy", "pinocchio", "meshcat", "matplotlib", "dask", "distributed", "yourdfpy", "trimesh", "flint")
 DRAWING = ("meshcat", "matplotlib", "dask", "distributed", "yourdfpy", "trimesh", "flint")
+UNLOADED = (  # of what loading a mechanism and making its model need not wait for
+    *DRAWING,
+    *(f"scipy.{name}" for name in ("integrate", "interpolate", "optimize", "sparse", "spatial", "special", "stats")),
+    *("contourpy", "pandas", "shtab", "tqdm", "yaml"),
+)
+LOADING = "import ccpin; ccpin.ReducedModel(ccpin.load('rpdr'))"
 
 
 def test_the_graph_sees_imports():
@@ -155,9 +161,13 @@ def test_who_knows_pinocchio():
     assert users <= PINOCCHIO
 
 
-@pytest.mark.parametrize(("code", "absent"), [("import ccpin", HEAVY), ("import ccpin; ccpin.simulate", DRAWING)])
+@pytest.mark.parametrize(
+    ("code", "absent"),
+    [("import ccpin", HEAVY), ("import ccpin; ccpin.simulate", DRAWING), (LOADING, UNLOADED)],
+    ids=["package", "simulate", "load"],
+)
 def test_import_is_light(code, absent):
-    """`import ccpin` loads nothing, and its names neither drawing nor clusters nor mesh libraries."""
+    """`import ccpin` loads nothing; its names and a model neither drawing nor clusters nor most of SciPy."""
     code = f"import sys; {code}; print(sorted(set({absent!r}) & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"

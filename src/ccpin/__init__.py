@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ccpin.simulation.results.trajectory import Trajectory
     from ccpin.simulation.studies.sweeps import sweep
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "CcpinError",

@@ -28,9 +28,18 @@ def test_importing_draws_in_neither_meshcat_nor_its_friends():
 def test_page_is_self_contained(rpdr, swing, tmp_path):
     """Nothing in the page is loaded from elsewhere: no address but XML namespaces, no script, link or image source."""
     text = visualization.animate(rpdr, *swing, tmp_path / "a.html").read_text(encoding="utf-8")
+    text = text.replace(text[text.index("<!--\nThe viewer") : text.index("-->\n<script>")], "")  # licences, not markup
     assert set(re.findall(r"https?://[\w./-]+", text)) <= {"http://www.w3.org/1999/xhtml"}
     markup = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL).replace('<link rel="icon" href="data:,">', "")
     assert not re.search(r"<link|\ssrc\s*=|\shref\s*=|url\(|@import", markup)
+
+
+def test_pages_carry_the_licences_of_what_they_hold(rpdr, swing, tmp_path):
+    """MeshCat's text and that of each part of its viewer, in the page's only comment before it."""
+    text = visualization.animate(rpdr, *swing, tmp_path / "a.html").read_text(encoding="utf-8")
+    notices = text[text.index("<!--\nThe viewer") : text.index("-->\n<script>")]
+    for words in ("Robin Deits", "three.js authors", "dat.gui", "Apache License", "msgpack-lite", "ieee754"):
+        assert words in notices
 
 
 @pytest.mark.parametrize(("fps", "speed", "frames"), [(30, 1.0, 61), (30, 2.0, 31), (10, 0.5, 41), (7, 1.0, 15)])

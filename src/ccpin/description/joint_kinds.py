@@ -15,7 +15,6 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
 from ccpin.description.rotations import log_jacobian, quaternion_difference, quaternion_matrix, quaternion_rate
@@ -121,6 +120,8 @@ class JointKind:
         A rotation is R = R_ref · R_x(θ₁) R_y(θ₂) R_z(θ₃).
         """
         if self.unit == 4:
+            from scipy.spatial.transform import Rotation  # here: importing it takes longer than loading a mechanism
+
             turns = Rotation.from_matrix(reference.T @ self.rotation(q)).as_euler("XYZ")
         else:
             turns = np.array([np.arctan2(q[-1], q[-2])]) if self.unit else q[:0]
@@ -129,6 +130,8 @@ class JointKind:
     def configuration(self, theta: Array, reference: Array) -> Array:
         """q of θ, over any leading axes: shape (…, nv) → (…, nq)."""
         if self.unit == 4:
+            from scipy.spatial.transform import Rotation
+
             turns = Rotation.from_matrix(reference) * Rotation.from_euler("XYZ", theta[..., -3:].reshape(-1, 3))
             return np.concatenate([theta[..., :-3], turns.as_quat().reshape(*theta.shape[:-1], 4)], axis=-1)
         if self.unit == 2:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,6 +31,7 @@ STYLE = {
 @contextmanager
 def drawing(title: str, size: tuple[float, float], **style: Any) -> Iterator[Figure]:
     """A new figure in the common style, `style` added, of a size in inches, to draw into meanwhile."""
+    logging.getLogger("matplotlib.font_manager").addFilter(_told)
     from matplotlib import rc_context
 
     from ccpin.plotting.shown_figure import ShownFigure
@@ -38,6 +40,11 @@ def drawing(title: str, size: tuple[float, float], **style: Any) -> Iterator[Fig
         figure = ShownFigure(figsize=size, layout="constrained")
         figure.suptitle(title)
         yield figure
+
+
+def _told(record: logging.LogRecord) -> bool:
+    """Whether a user is to see it: not that the first figure ever drawn on a machine waits for a list of fonts."""
+    return "building the font cache" not in record.getMessage()
 
 
 def coordinate_labels(names: Sequence[str], units: Sequence[str]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
@@ -27,7 +28,9 @@ TRACED_SAMPLES = 400
 
 def named_scene(mechanism: Mechanism, recorder: CommandRecorder) -> Scene:
     """A scene, drawn into a recorder, with the names of its joints."""
-    import meshcat
+    with warnings.catch_warnings():  # PyZMQ's, of what MeshCat imports
+        warnings.simplefilter("ignore", DeprecationWarning)
+        import meshcat
 
     scene = Scene(mechanism, meshcat.Visualizer(window=recorder))
     name_joints(scene)

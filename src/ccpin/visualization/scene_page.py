@@ -74,6 +74,7 @@ def render_page(title: str, commands: tuple[bytes, ...], live: bool = False, bes
     viewer = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
     encoded = json.dumps([base64.b64encode(command).decode("ascii") for command in commands])
     parts = {
+        "@NOTICES@": _notices(viewer),
         "@MESHCAT@": viewer.read_text(encoding="utf-8"),
         "@STYLE@": _asset("page.css") + beside.style,
         "@SCRIPT@": "\n".join(_asset(name) for name in SCRIPTS),
@@ -83,6 +84,14 @@ def render_page(title: str, commands: tuple[bytes, ...], live: bool = False, bes
         "@START@": CONNECT if live else f"const commands = {encoded};\n{REPLAY}",
     }
     return re.sub("|".join(parts), lambda found: parts[found.group()], _asset("page.html"))
+
+
+def _notices(viewer: Path) -> str:
+    """The licences of MeshCat and of what its viewer is built from, which every copy is to carry."""
+    parts = json.loads(Path(f"{viewer}.THIRD_PARTY_LICENSES.json").read_text(encoding="utf-8"))
+    texts = [f"MeshCat\n{viewer.parents[1].joinpath('LICENSE').read_text(encoding='utf-8')}"]
+    texts += [f"{part['name']}, {part['author']}, {part['license']}\n{part['licenseText'] or ''}" for part in parts]
+    return "\n\n".join(text.strip() for text in texts).replace("--", "––")
 
 
 def _asset(name: str) -> str:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
 from ccpin.description.elements.xml import TRUTH, XmlElement, fail, numbers_in, spelt, tag
@@ -106,6 +105,8 @@ def placement(pose: XmlElement | None) -> Array:
         values = numbers(pose, 7)
         if not 1e-6 < math.hypot(*values[3:]) < 1e9:
             raise fail(pose, "the quaternion has no length, or no bounded one")
+        from scipy.spatial.transform import Rotation  # rare, and long to import
+
         return frame(values[:3], Rotation.from_quat(values[3:]).as_matrix())
     if format_ != "euler_rpy":
         raise fail(pose, f"rotation_format {format_!r} is neither euler_rpy nor quat_xyzw")
