@@ -208,7 +208,7 @@ def test_moves_are_about_what_was_asked(rpdr_model, certified, honest):
     """Other motions, levels, loops and facts: none is proven; what was pickled is once it is replayed."""
     other = certify_move(rpdr_model, paper_law(rpdr_model, [11.5, 11.0]), START, arrival=0.05, **QUICK)
     assert other.verdict == "proven"
-    given = certified(arrival=honest.level)
+    given, asked = certified(arrival=honest.level), honest.enclosure.asked
     assert (given.verdict, given.rigorous) == ("proven", False)
     assert replace(honest).verdict == "proven"
     for change in (
@@ -220,6 +220,8 @@ def test_moves_are_about_what_was_asked(rpdr_model, certified, honest):
         {"proved": given.proved},
         {"enclosure": honest.enclosure.replay()},
         {"enclosure": replace(honest.enclosure, motion=None)},
+        {"enclosure": replace(honest.enclosure, asked=asked._replace(v=asked.v + 1e-12))},
+        {"enclosure": replace(honest.enclosure, times=1.5 * honest.enclosure.times)},
         {"enclosure": other.enclosure},
         {"equations": other.equations},
         {"equations": given.equations},

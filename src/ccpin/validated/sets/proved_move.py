@@ -85,7 +85,7 @@ class MoveCertificate(Judged):
     def witness(self) -> Witness | None:
         """The state at T that refutes (its velocity is the enclosure's)."""
         known = self._known
-        if known is None or not is_fact(known, NeverArrives):
+        if not is_fact(known, NeverArrives):
             return None
         with flint().ctx.workprec(self.enclosure.precision):
             return witness_of("state", self.enclosure.loop, end_of(known.premises[0]).balls())
