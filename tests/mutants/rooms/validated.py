@@ -64,6 +64,7 @@ _TOLD_OF_MOVES = (
 _MOVES = (
     f"{_FALSE_ARRIVALS}::test_what_is_told_of_an_arrival",
     f"{_FALSE_ARRIVALS}::test_levels_are_facts_or_the_caller_s",
+    f"{_FALSE_ARRIVALS}::test_moves_are_about_what_was_asked",
     f"{_FALSE_ARRIVALS}::test_levels_that_are_told_too_high",
     "validated/sets/test_move.py::test_a_move_whose_energy_is_too_low_is_refuted",
     "validated/sets/test_move.py::test_bad_arrivals",
@@ -399,8 +400,9 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "validated/sets/move",
-        ("certify_move", "_of_one", "_proved", "_of_a_set", "_level"),
+        ("certify_move", "_level"),
         _MOVES,
+        (('if move.verdict == "proven" and sublevel is None', "not asked: move.verdict", "costs a refutation"),),
     ),
     Room(
         "validated/sets/proved_move",
@@ -515,7 +517,9 @@ ROOMS: tuple[Room, ...] = (
 _CHOSEN = "chooses the length of a step, which `attempt` proves"
 EXCUSED: tuple[Excused, ...] = (
     Excused("validated/sets/arrival", (), "proposes lines and boxes: `Arrived` says what is proved of them"),
-    Excused("validated/sets/move", ("_run", "_MORE"), "how far is marched: the claims say what is proved of it"),
+    Excused(
+        "validated/sets/move", ("_run", "_of_one", "_proved", "_of_a_set"), "propose: the claims say what is proved"
+    ),
     Excused(
         "validated/flow/marching", ("SHORTEST_STEP", "rounded_up"), "how far a step is shortened before it is given up"
     ),

@@ -24,7 +24,7 @@ from tests.support.paper import GOAL, K_P, K_V
 QUICK = {"order": 12, "tolerance": 1e-12, "pieces": 4, "precision": 64, "cells": 1, "parts": 1}
 START = GOAL + [0.05, -0.05]  # where 𝒱 is 0.03 J and the level 0.05 J
 FAR = GOAL + [0.15, -0.15]
-SPREAD = (1e-4, 1e-3)
+SPREAD = (1e-4, 0.0)
 OTHER = oracle.sigma(GOAL, -1.0)[FREE]
 
 

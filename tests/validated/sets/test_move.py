@@ -88,8 +88,9 @@ def test_bad_arrivals(rpdr_model, law, enclosure):
     other = certify_law(paper_law(rpdr_model, [12.0, 12.0]), max_depth=4, budget=12)
     with pytest.raises(InvalidInputError, match="control laws"):
         certify_move(rpdr_model, law, START, arrival=other)
-    with pytest.raises(InvalidInputError, match="positive"):
-        certify_move(rpdr_model, law, START, arrival=replace(other, law=law, level=0.0))
+    for level in (0.0, np.inf):
+        with pytest.raises(InvalidInputError, match="positive"):
+            certify_move(rpdr_model, law, START, arrival=replace(other, law=law, level=level))
     with pytest.raises(InvalidInputError, match="simple gravity"):
         certify_move(rpdr_model, None, START, arrival=1.0)
     with pytest.raises(InvalidInputError, match="not covered"):
