@@ -41,7 +41,7 @@ def of_command(parser: argparse.ArgumentParser) -> list[dict[str, str]]:
     """The examples that a command's help shows which begin with itself, each with what the command does."""
     name = parser.prog
     return [
-        {"run": line, "what": (parser.description or "").split(" (exit")[0]}
+        {"run": line, "what": " ".join((parser.description or "").partition(" (exit")[0].split())}
         for line in EXAMPLE.findall(parser.epilog or "")
         if line.startswith(f"{name} ")
     ][:1]

@@ -105,6 +105,7 @@ def cover_of(faces, unglued, start):
 def test_one_function_is_what_proved_ways_join_to_the_seed(monkeypatch, faces, unglued, start, one):
     """Where every shared face is glued too: boxes may share none."""
     proved = cover_of(faces, unglued, start)
+    monkeypatch.setattr(module, "is_fact", lambda fact, kind: fact is proved.cover and kind is module.RegionCover)
     atlas = atlas_of(monkeypatch, (CERTIFIED, CERTIFIED, UNDECIDED, CERTIFIED), (0, 1, -1, 2), FOUR, proved=proved)
     assert atlas.one_function.tolist() == one
     assert atlas.contains([[0.5], [1.5], [2.5], [3.5]]).tolist() == [one[0], one[1], False, one[2]]

@@ -39,8 +39,10 @@ def told(proved=None, witness=None, boxes=3, reached=2.0):
     ],
 )  # fmt: skip
 def test_proven_is_what_a_fact_follows_to_the_end(monkeypatch, proved, follows, witness, verdict):
-    monkeypatch.setattr(module, "follows", lambda fact, pieces: fact == "fact" and follows)
+    monkeypatch.setattr(module, "is_fact", lambda fact, kind: fact == "fact" and kind is module.Followed)
+    monkeypatch.setattr(module, "follows", lambda fact, pieces: follows)
     assert told(proved, witness).verdict == verdict
+    assert told(proved, witness).reason == ""
 
 
 @pytest.mark.parametrize(

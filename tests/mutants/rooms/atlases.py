@@ -72,6 +72,15 @@ ROOMS: tuple[Room, ...] = (
         _ANSWERS,
         (("if self.single_valued or not count", "not asked: not count", "where no box is none is unglued"),),
     ),
+    Room(
+        "domain/atlas/atlas",
+        ("Atlas.__getstate__", "Atlas._known", "Atlas._boxes_known", "Atlas.witness"),
+        ("domain/test_pickled_certificates.py",),
+        (
+            ("is_fact(fact, SolutionsInBoxes)", "any instead of all", "they are pickled together"),
+            ("if self._whole or not", "not asked: self._whole", "where all is certified nothing refutes it"),
+        ),
+    ),
     Room("domain/atlas/merged", ("merge_atlases", "_refuse_others"), _ANSWERS),
     Room(
         "domain/documents/checked",

@@ -188,6 +188,14 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
+        "domain/paths/path",
+        ("CertifiedPath.reason", "CertifiedPath.replay"),
+        (
+            "domain/test_pickled_certificates.py",
+            "domain/paths/test_sharp_path.py",
+        ),
+    ),
+    Room(
         "domain/paths/walker",
         ("Walker.boxes", "Walker.back", "Walker.step", "Walker._seam", "Walker._continues", "Walker._end"),
         ("domain/paths/test_sharp_walker.py",),

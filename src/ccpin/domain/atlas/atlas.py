@@ -18,9 +18,10 @@ configuration at all (`emptying`). Limits of dependent joints are not looked at.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,13 +42,13 @@ from ccpin.domain.documents.kinds import ATLAS
 from ccpin.domain.paths.obstacles import demand_witnesses
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.proof.covers import one_function, over_region
+from ccpin.proof.covers import RegionCover, one_function, over_region
 from ccpin.proof.equations import Problem, closures_of
-from ccpin.proof.facts import Fact, NotProvedError
+from ccpin.proof.facts import Fact, NotProvedError, is_fact
 from ccpin.proof.newton import Boxes, check, solve_in_boxes
 from ccpin.proof.requirements import meets
-from ccpin.proof.solutions import boxes_of
-from ccpin.proof.verdict import Verdict, Witness, of_file
+from ccpin.proof.solutions import SolutionsInBoxes, boxes_of
+from ccpin.proof.verdict import Verdict, Witness, not_known_of, of_file
 
 _WITNESSES = 12  # cells from which one is looked for
 _FAILURES = {
@@ -67,7 +68,8 @@ class Atlas:
         radius: Half width of the largest certified square about q₀, short of the nearest cell not certified and of the
             nearest face that is unglued.
         solutions: The facts about its boxes.
-        proved: The facts about its cells and their faces; ``None`` of one from a file that was not replayed.
+        proved: The facts about its cells and their faces; ``None`` of one from a file that was not replayed. Pickled
+            they are facts no longer: such an atlas is undecided until it is `replayed`.
         complete: False where an interrupt ended the work; what is there is certified nevertheless.
         region: What was asked for.
         reading: The closures, and how their coordinates and configurations correspond.
@@ -76,7 +78,7 @@ class Atlas:
         singular: A singular configuration over each cell called so.
         source: The file it was loaded from, if it was: what it says rests on that file, but for its boxes, which `load`
             proved again, and with `replay=True` for where σ is one function. `ccpin.auditing.verify` proves the rest.
-        told: Of one from a file that was not replayed, which pairs of boxes that says are unglued.
+        told: Of one from a file or a pickle that was not replayed, which pairs of boxes that says are unglued.
     """
 
     names: tuple[str, ...]
@@ -93,6 +95,15 @@ class Atlas:
     source: str | None = None
     told: NDArray[np.int64] | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields, and what was proved of faces as it is told: facts do not cross a pickle."""
+        return {each.name: getattr(self, each.name) for each in fields(self)} | {"told": self.unglued}
+
+    @property
+    def _known(self) -> ProvedCover | None:
+        """The facts, if they are some."""
+        return self.proved if self.proved is not None and is_fact(self.proved.cover, RegionCover) else None
+
     @cached_property
     def boxes(self) -> Boxes:
         """The certified boxes, as Theorem N has them; `lower` and `upper` are their corners."""
@@ -101,14 +112,14 @@ class Atlas:
     @property
     def unglued(self) -> NDArray[np.int64]:
         """Pairs of boxes that share a face at which they could not be shown to carry the same σ, (K, 2)."""
-        if self.proved is not None:
-            return np.asarray(self.proved.cover.found["unglued"])
+        if self._known is not None:
+            return np.asarray(self._known.cover.found["unglued"])
         return np.zeros((0, 2), dtype=np.int64) if self.told is None else self.told
 
     def glue(self) -> tuple[Fact, ...]:
         """The facts that glue its boxes; those of one from a file are proved now."""
-        if self.proved is not None:
-            return tuple(fact for fact in self.proved.cover.premises if fact not in self.solutions)
+        if self._known is not None:
+            return tuple(fact for fact in self._known.cover.premises if fact not in self.solutions)
         seams = seams_of(self.problem, self.region, self.tree, self.boxes)
         return proved_glue(self.problem, seams, self.solutions)
 
@@ -150,8 +161,8 @@ class Atlas:
         All, if `single_valued` and a way over glued faces joins each to that of q₀, as is proved (or a file says).
         """
         count = len(self.boxes.kappa)
-        if self.proved is not None:
-            cover = self.proved.cover
+        if self._known is not None:
+            cover = self._known.cover
             return one_function(cover.found["faces"], self.unglued, int(cover.claim.start[0]), count)
         if self.single_valued or not count:
             return np.ones(count, dtype=np.bool_)
@@ -162,7 +173,7 @@ class Atlas:
     @cached_property
     def witness(self) -> Witness | None:
         """A place of the region proved to have no σ, or one that is singular."""
-        if self._whole:
+        if self._whole or not self._boxes_known:
             return None
         found = refutation_of(self.reading, self.tree, self.region, self.solutions)
         return next(demand_witnesses(self.reading, self.seed, self._undecided()), None) if found is None else found
@@ -189,14 +200,21 @@ class Atlas:
 
     @property
     def _whole(self) -> bool:
-        if self.proved is not None:
-            return over_region(self.proved.cover, self.proved.demanded, self.problem.requirements is not None)
+        if self._known is not None:
+            return over_region(self._known.cover, self._known.demanded, self.problem.requirements is not None)
         return self.source is not None and self.certified_fraction == 1.0 and self.single_valued
+
+    @property
+    def _boxes_known(self) -> bool:
+        """Whether its boxes are facts: of one that was pickled they are not."""
+        return all(is_fact(fact, SolutionsInBoxes) for fact in self.solutions)
 
     @property
     def reason(self) -> str:
         """The verdict in a sentence; where it is not computed from facts, what of it rests on the file (`source`)."""
-        return self._reason + of_file(None if self.proved is not None and self._whole else self.source)
+        if not self._boxes_known:
+            return not_known_of("this atlas")
+        return self._reason + of_file(None if self._known is not None and self._whole else self.source)
 
     @property
     def _reason(self) -> str:
@@ -355,6 +373,9 @@ class Atlas:
             InvalidInputError: They are not: the file was altered.
         """
         try:
+            if not self._boxes_known:
+                boxes = tuple(fact.replay() for fact in self.solutions)
+                return replace(self, solutions=boxes, proved=None).replayed()
             proved = proved_cover(self.problem, self.region, self.tree, self.seed, self.solutions, self.glue())
         except NotProvedError as error:
             raise InvalidInputError(f"{error}: the file was altered") from error

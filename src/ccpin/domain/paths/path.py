@@ -14,7 +14,7 @@ be thought of as not meeting itself there: σ may be different the second time r
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,10 +31,10 @@ from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.chords import chord_of, points_of
 from ccpin.proof.equations import BoundsName, Problem, closure_values
-from ccpin.proof.facts import Fact
+from ccpin.proof.facts import Fact, is_fact
 from ccpin.proof.newton import Boxes, solve_in_boxes
-from ccpin.proof.paths import follows
-from ccpin.proof.verdict import Judged, Verdict, Witness
+from ccpin.proof.paths import Followed, follows
+from ccpin.proof.verdict import Judged, Verdict, Witness, not_known_of
 
 _AHEAD = np.array([1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4])  # of what is left of the piece
 _BACK = (1, 3, 6, 12)  # strides before the end of a walk
@@ -49,7 +49,7 @@ class CertifiedPath(Judged):
     Attributes:
         reached: The parameter up to which the path is certified.
         proved: The fact that it is (`ccpin.proof.paths`); ``None`` where nothing is.
-        reason: The verdict in a sentence.
+        told: What the walk came to, in a sentence.
         witness: Where the claim fails, if it was refuted.
         rcond: Reciprocal condition number of φ_y at `reached`.
         tried: How many boxes were tried.
@@ -62,7 +62,7 @@ class CertifiedPath(Judged):
 
     reached: float
     proved: Fact | None
-    reason: str
+    told: str
     witness: Witness | None
     rcond: float
     tried: int
@@ -79,9 +79,22 @@ class CertifiedPath(Judged):
         So it is where the branch meets a singular configuration in the tube (`refutation`), or some q of the path has
         no closed configuration at all. ``"undecided"``: neither was proved.
         """
-        if self.proved is not None and follows(self.proved, self.pieces):
+        if is_fact(self.proved, Followed) and follows(self.proved, self.pieces):
             return "proven"
         return "undecided" if self.witness is None else "refuted"
+
+    @property
+    def reason(self) -> str:
+        """The verdict in a sentence."""
+        return self.told if self.proved is None or is_fact(self.proved, Followed) else not_known_of("this path")
+
+    def replay(self) -> CertifiedPath:
+        """The same, proved once more from its data alone; one that was pickled is undecided until then.
+
+        Raises:
+            NotProvedError: It does not hold.
+        """
+        return self if self.proved is None else replace(self, proved=self.proved.replay())
 
     @property
     def problem(self) -> Problem:
@@ -159,7 +172,7 @@ def certify_path(
     return CertifiedPath(
         reached=walker.here,
         proved=proved,
-        reason=_reason(walker, stopped, witness),
+        told=_reason(walker, stopped, witness),
         witness=witness,
         rcond=walker.rcond(),
         tried=walker.tried,

@@ -16,6 +16,7 @@ from ccpin.control.stability.set_point.gains import (
     _what_is_too_much,
     gravity_slope_over,
 )
+from ccpin.control.stability.set_point.set_point_cells import SlopeBounded
 from ccpin.control.stability.set_point.set_point_reading import set_point_of
 from ccpin.control.stability.set_point.well import SetPoint, Well, _efforts, wells
 from ccpin.errors import InvalidInputError, UnattainableGainsError
@@ -219,9 +220,7 @@ def test_efforts_beyond_a_grip():
 
 def told(effort, limit, fastest, frequency=10.0):
     model = SimpleNamespace(mechanism=SimpleNamespace(actuated=("a", "b")))
-    made = Gains(
-        None, None, 1.0, 1.0, None, np.array([1.0, frequency]), np.array(effort), np.array(limit), "proven", ""
-    )
+    made = Gains(None, None, 1.0, 1.0, None, np.array([1.0, frequency]), np.array(effort), np.array(limit), "")
     return _what_is_too_much(model, made, fastest)
 
 
@@ -253,6 +252,7 @@ def over(monkeypatch, rpdr_model):
             return SimpleNamespace(found={"beta": [proved or bound], "effort": [grip]})
 
         monkeypatch.setattr(module, "_proved", prove)
+        monkeypatch.setattr(module, "is_fact", lambda fact, kind: fact is not None and kind is SlopeBounded)
         return suggest_gains(model, GOAL, fake, **given)
 
     return run

@@ -37,7 +37,7 @@ from ccpin.domain.closures.packing import require_about
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError, UnattainableGainsError
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.proof.facts import Fact, NotProvedError
+from ccpin.proof.facts import Fact, NotProvedError, is_fact
 from ccpin.proof.verdict import Verdict
 
 _ABOVE = 1.5  # of ‖∂g/∂q‖₂ at the set point: above 1, K_p + ∂g/∂q is positive definite there
@@ -58,9 +58,9 @@ class Gains(NamedTuple):
         frequencies: ω of the linearised loop's modes in rad/s, ascending, of shape (n,).
         effort: The largest |u| asked for from rest anywhere in the domain, of shape (motors,); over an atlas a bound.
         effort_limit: What the motors can give either way (infinite where nothing is stated), of shape (motors,).
-        verdict: ``"proven"`` where ‖∂g/∂q‖ < K_p is proved on the domain, ``"undecided"`` where it was sampled.
         reason: What limits the gains, in a sentence.
-        proved: The fact about β over the atlas's cells (`SlopeBounded`); ``None`` where it was sampled.
+        proved: The fact about β over the atlas's cells (`SlopeBounded`); ``None`` where it was sampled, or says nothing
+            of V on all of the atlas.
     """
 
     K_p: Array
@@ -71,9 +71,18 @@ class Gains(NamedTuple):
     frequencies: Array
     effort: Array
     effort_limit: Array
-    verdict: Verdict
     reason: str
     proved: Fact | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """``"proven"`` where ‖∂g/∂q‖ < K_p is proved on the domain, ``"undecided"`` where it was sampled.
+
+        What was pickled is undecided until ``gains._replace(proved=gains.proved.replay())``.
+        """
+        if not is_fact(self.proved, SlopeBounded) or not self.beta >= self.proved.found["beta"][0]:
+            return "undecided"
+        return "proven" if np.linalg.eigvalsh(0.5 * (self.K_p + self.K_p.T))[0] > self.beta else "undecided"
 
 
 def local_gains(
@@ -169,9 +178,8 @@ def suggest_gains(
         frequencies=frequencies,
         effort=over.effort(law, np.abs(stiffness)),
         effort_limit=np.abs(model.mechanism.motors.limits).min(axis=1),
-        verdict="undecided" if over.proved is None or over.doubt else "proven",
         reason="; ".join([over.limited, *over.doubt]),
-        proved=over.proved,
+        proved=None if over.doubt else over.proved,
     )
     beyond = _what_is_too_much(model, gains, fastest)
     if beyond:
@@ -179,7 +187,7 @@ def suggest_gains(
     return gains
 
 
-class _Over(NamedTuple):
+class _Steepness(NamedTuple):
     """What is known of ‖∂g/∂q‖ over a domain.
 
     Attributes:
@@ -205,17 +213,17 @@ class _Over(NamedTuple):
         return _leverage(law) @ asked if np.isinf(grip) else np.full(law.model.n_actuated, _norm_over(asked, grip))
 
 
-def _over_samples(law: PDSimpleGravity, region: Corners) -> _Over:
+def _over_samples(law: PDSimpleGravity, region: Corners) -> _Steepness:
     """What samples of a region show: nothing is proved."""
     lower, upper = checked_region(law.model, region, law.q_d)
     samples = sample_region(law.model, lower, upper, law.q_free_d)
     worst = int(np.argmax(samples.norm))
     slope = SlopeBound(float(samples.norm[worst]), float(samples.norm[worst]), samples.q[worst], 0)
     limited = f"on samples ‖∂g/∂q‖ is at most {slope.bound:.4g}, {_place(slope)}: nothing is proved"
-    return _Over(slope, limited, lower, upper)
+    return _Steepness(slope, limited, lower, upper)
 
 
-def _over_atlas(law: PDSimpleGravity, atlas: Atlas) -> _Over:
+def _over_atlas(law: PDSimpleGravity, atlas: Atlas) -> _Steepness:
     """What is proved of an atlas's cells."""
     require_about("gains over an atlas", atlas, law.model)
     store = cells_of_atlas(law, atlas)
@@ -225,7 +233,9 @@ def _over_atlas(law: PDSimpleGravity, atlas: Atlas) -> _Over:
         slope = slope._replace(bound=float(proved.found["beta"][0]))
     except NotProvedError as error:
         doubt.append(f"that was found, and did not hold when it was to be proved: {error}")
-    return _Over(slope, _what_limits(slope), atlas.lower.min(axis=0), atlas.upper.max(axis=0), proved, tuple(doubt))
+    return _Steepness(
+        slope, _what_limits(slope), atlas.lower.min(axis=0), atlas.upper.max(axis=0), proved, tuple(doubt)
+    )
 
 
 def _proved(law: PDSimpleGravity, store: CellStore, atlas: Atlas, cells: tuple[int, ...]) -> Fact:

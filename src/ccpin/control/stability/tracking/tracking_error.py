@@ -22,7 +22,7 @@ from ccpin.control.tracking import TrackingLaw
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.assumptions import limits_left_out, without_dry_friction
 from ccpin.proof.facts import Fact, NotProvedError, is_fact, prove
-from ccpin.proof.verdict import Judged, Verdict
+from ccpin.proof.verdict import Judged, Verdict, not_known_of
 
 _LEAST = 1e-9  # ε, the smallest tried
 _MIDDLE = 1e-3  # ε, the one tried first
@@ -38,14 +38,14 @@ class TrackingCertificate(Judged):
         law: The law.
         sigma_error: ε.
         disturbance: f̄, of shape (n,).
-        reason: The verdict in a sentence.
+        told: What the search came to, in a sentence.
         proved: The fact about the tube (`TubeKept`), which all numbers are of; ``None`` where none is proved.
     """
 
     law: TrackingLaw
     sigma_error: float
     disturbance: Array
-    reason: str
+    told: str
     proved: Fact | None
     _tube: ReferenceTube = field(repr=False)
 
@@ -53,6 +53,13 @@ class TrackingCertificate(Judged):
     def verdict(self) -> Verdict:
         """``"proven"``, or ``"undecided"`` where the bounds do not close."""
         return "undecided" if self._known is None else "proven"
+
+    @property
+    def reason(self) -> str:
+        """The verdict in a sentence."""
+        return (
+            self.told if self.proved is None or self._known is not None else not_known_of("this law and these errors")
+        )
 
     @cached_property
     def _known(self) -> Fact | None:
