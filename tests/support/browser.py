@@ -26,7 +26,8 @@ FAINT = """(least => {
     .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
   const behind = e => { const layers = [];
     for (let at = e; at; at = at.parentElement) {
-      if (at.id === 'stage') { layers.push(parse('rgb(213, 220, 229)')); break; }    // the darkest of its gradient
+      if (at.id === 'stage') {                                                      // the darkest of its gradient
+        layers.push(parse(getComputedStyle(document.getElementById('pane')).backgroundImage.match(/rgb[^)]*\\)/g).at(-1))); break; }
       layers.push(parse(getComputedStyle(at).backgroundColor)); }
     return layers.reverse().reduce((under, layer) => over(layer, under), parse('rgb(255, 255, 255)')); };
   const faint = [];

@@ -173,7 +173,7 @@ function paintChart() {
   if (here.stopped) dot(at, 11, "rgba(196, 44, 32, .3)", "");
   dot(at, 5, here.stopped ? "#c42c20" : INK.here, "#fff");
   pen.restore();
-  pen.strokeStyle = "#aeb8c4";
+  pen.strokeStyle = dress("--edge");
   pen.lineWidth = 1;
   pen.strokeRect(box.x + 0.5, box.y + 0.5, box.width - 1, box.height - 1);
   paintScales(box);
@@ -181,7 +181,7 @@ function paintChart() {
 
 function paintScales(box) {
   const [low, high] = view2();
-  pen.fillStyle = "#5d6875";
+  pen.fillStyle = dress("--soft");
   pen.font = "11px system-ui, sans-serif";
   chart.axes.forEach((axis, k) => {
     const dial = facts.dials[axis], factor = factorOf(dial);

@@ -1,5 +1,6 @@
 // The line to the session in Python: orders, their answers by number, and what it tells by itself. Offline: a replay.
 const byId = id => document.getElementById(id);
+const dress = name => getComputedStyle(document.documentElement).getPropertyValue(name);  // a colour of the page's style
 const hearers = {}, waiting = new Map();
 const link = { socket: null, number: 0, offline: replay !== null };
 const on = (kind, hearer) => { hearers[kind] = hearer; };

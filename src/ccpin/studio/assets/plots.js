@@ -42,8 +42,8 @@ function paintPlot({ canvas, title, rows, names, levels }) {
   [low, high] = [low - spare, high + spare];
   const x = time => ROOM.left + (time - t[0]) / (t.at(-1) - t[0] || 1) * (width - ROOM.left - ROOM.right);
   const y = value => ROOM.top + (high - value) / (high - low) * (height - ROOM.top - ROOM.bottom);
-  brush.strokeStyle = "#e3e8ee";
-  brush.fillStyle = "#5d6875";
+  brush.strokeStyle = dress("--grid");
+  brush.fillStyle = dress("--soft");
   brush.textBaseline = "middle";
   brush.textAlign = "right";
   for (const value of values.length ? ticks(low, high, (height - 50) / 28, false) : []) {
@@ -62,7 +62,7 @@ function paintPlot({ canvas, title, rows, names, levels }) {
   brush.textAlign = "left";
   brush.textBaseline = "alphabetic";
   brush.font = "600 12px system-ui, sans-serif";
-  brush.fillStyle = "#28303a";
+  brush.fillStyle = dress("--ink");
   brush.fillText(title, 12, 15);
   let right = 12 + brush.measureText(title).width + 12;
   brush.font = "11px system-ui, sans-serif";
