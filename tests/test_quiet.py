@@ -7,6 +7,8 @@ from textwrap import dedent
 
 import pytest
 
+from tests.support.long_cases import later
+
 BEGUN = dedent("""
     import multiprocessing, sys, threading, time
     import ccpin
@@ -73,7 +75,7 @@ def test_the_font_list_would_be_told_of(tmp_path):
     )
 
 
-@pytest.mark.parametrize("start", ["fork", "spawn"])
+@pytest.mark.parametrize("start", later("spawn", "fork"))
 def test_workers(tmp_path, start):
     """Processes that made models of their own end without a word, however they were started."""
     assert told(tmp_path, BEGUN + AT_WORK, start) == ""

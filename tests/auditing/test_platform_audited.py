@@ -108,6 +108,7 @@ def test_the_lemma_holds_for_any_weights(size, count):
     assert told > 4
 
 
+@pytest.mark.slow
 def test_reachable_cells_called_empty_are_not_proved(tmp_path):
     """Certified cells of a Delta, where there is nothing but these lemmas."""
     mechanism = ccpin.load("delta")

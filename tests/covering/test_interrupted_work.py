@@ -44,7 +44,7 @@ class Pressed:
             press()
 
 
-@pytest.mark.parametrize("at", [pytest.param(2, marks=pytest.mark.slow), 9])
+@pytest.mark.parametrize("at", [pytest.param(2, marks=pytest.mark.slow), pytest.param(9, marks=pytest.mark.slow)])
 def test_an_interrupted_search_for_sheets_goes_on(rpdr, at):
     """It kept nothing; it keeps its cells now, and goes on from them to the same counts."""
     whole = certify_sheets(rpdr, TORUS, max_depth=5)

@@ -14,6 +14,7 @@ from ccpin.paper import reproduction
 from ccpin.paper.reproduction_page import page as paper_page
 from ccpin.studio import studio
 from tests.support.browser import FAINT, click, opened, press, settle
+from tests.support.long_cases import later
 from tests.support.pages import five_bar, five_bar_swing
 
 KINDS = ("a motion", "a report", pytest.param("the paper", marks=pytest.mark.slow), "the studio")
@@ -114,7 +115,7 @@ def test_every_control_has_a_name_and_shows_its_focus(address, kind):
         assert page.evaluate(dull) == []
 
 
-@pytest.mark.parametrize("dress", ["light", "dark"])
+@pytest.mark.parametrize("dress", later("dark", "light"))
 @pytest.mark.parametrize("kind", KINDS)
 def test_words_stand_out(address, kind, dress):
     """Text is 4.5 times as light, or dark, as what it stands on; all pages are dark where the system is."""

@@ -1,6 +1,7 @@
 """The scene and the map of the README's moving picture, without the film."""
 
 import numpy as np
+import pytest
 
 import ccpin
 from tests.support.loading import script
@@ -22,6 +23,7 @@ def test_the_scene_is_the_robot_with_its_boxes():
     np.testing.assert_allclose(middle, (hero.PICK + hero.PLACE) / 2 + [0, 0, hero.LIFT], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_five_bar_goes_round():
     """Pictures of the film's height, each another."""
     hero = script("hero")

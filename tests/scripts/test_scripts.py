@@ -46,6 +46,7 @@ def test_fig6(tmp_path, capsys):
     assert _is_picture(tmp_path / "fig6.png")
 
 
+@pytest.mark.slow
 def test_fig7(tmp_path, capsys):
     """The corners of the certified squares at the four centres, drawn."""
     script("fig7").main(tmp_path)

@@ -81,6 +81,7 @@ def test_tracking_names_the_friction_that_its_bound_leaves_out(rough):
     assert certificate.assumes == limits_left_out(rough.mechanism)
 
 
+@pytest.mark.slow
 def test_moves_name_the_friction_that_they_leave_out(rough):
     """A validated motion is of the smooth equations."""
     validated = pytest.importorskip("ccpin.validated")

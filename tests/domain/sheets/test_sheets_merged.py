@@ -88,6 +88,7 @@ def test_modes_change_on_a_way_through_all_parts():
     assert np.allclose(change.path[0], change.path[-1])
 
 
+@pytest.mark.slow
 def test_merged_sheets_are_a_document(quarters, tmp_path):
     """Saved, read and audited; a box dropped at a seam is found; and merged sheets are merged on."""
     pytest.importorskip("flint")

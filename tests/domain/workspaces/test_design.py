@@ -92,6 +92,7 @@ def test_a_limit_in_the_way_is_the_obstacle(ankle):
     assert abs(abs(cranks_of(pitch, roll)[0][0]) - 0.5) < 1e-2
 
 
+@pytest.mark.slow
 def test_rpdr_design_is_certified_in_closed_form():
     """More than thrice the square of the robot as built; elbows apart and within reach at every point of it."""
     design = script("design_rpdr")

@@ -196,6 +196,7 @@ def _time_stepping(q, duration, h):
     return q
 
 
+@pytest.mark.slow
 def test_time_stepping_converges_to_it(rpdr_model):
     """A first-order reference of another kind approaches the event-driven motion at first order, reversals included."""
     start = HANGING + np.radians([25.0, 10.0])

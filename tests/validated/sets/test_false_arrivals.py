@@ -191,6 +191,7 @@ def test_motions_that_were_not_followed(monkeypatch, certified):
         assert (found.verdict, found.proved) == ("undecided", None)
 
 
+@pytest.mark.slow
 def test_arrivals_of_tubes_that_are_no_arrivals(monkeypatch, certified):
     """Told too early; with a line from elsewhere."""
     connected(monkeypatch, lambda found: found._replace(line=found.line[1:]))
@@ -244,6 +245,7 @@ def test_moves_are_about_what_was_asked(rpdr_model, certified, honest):
         replace(sent, proved=forged).replay()
 
 
+@pytest.mark.slow
 def test_sets_of_moves_are_about_what_was_asked(honest, honest_set):
     starts, tube = honest_set.starts, honest_set.tubes[0]
     for change in (

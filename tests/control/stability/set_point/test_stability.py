@@ -594,6 +594,7 @@ def test_gains_over_a_region(rpdr_model):
     assert gains.beta == pytest.approx(expected, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_gains_no_loop_could_be_closed_with_are_refused(rpdr, rpdr_model, few_cells):
     """Whatever the motors give: beside a singularity K_p was 8e10 N m/rad."""
     half = np.radians(16.0)

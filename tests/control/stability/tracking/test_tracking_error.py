@@ -85,9 +85,7 @@ def test_delta(law_class):
             assert_within(proof, law, motion)
 
 
-@pytest.mark.parametrize(
-    "name", ["gripper", "slider_crank", *(pytest.param(n, marks=pytest.mark.slow) for n in ("four_bar", "planar_3rrr"))]
-)
+@pytest.mark.parametrize("name", later("slider_crank", "gripper", "four_bar", "planar_3rrr"))
 def test_other_mechanisms(name):
     """Couplings alone, sliding joints, one coordinate and three: the push that does most, and one at random."""
     model = ccpin.ReducedModel(ccpin.load(file(name) if name == "gripper" else name))
