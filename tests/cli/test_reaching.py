@@ -72,3 +72,11 @@ def test_a_centre_that_is_not_reached_is_explained(capsys):
     """`ccpin domain` says the same."""
     told, _ = refused(capsys, "domain", "rpdr", "--centre-deg", "0", "-180")
     assert "close over q in at least 2 ways" in told
+
+
+def test_a_goal_that_is_singular_itself_is_told(capsys):
+    """Mirrored arms with the forearms in line, C − 2 A₁ cos q₁ = A₃ + A₄, and a whole turn away."""
+    stretched = np.degrees(np.arccos((rpdr.C - rpdr.A3 - rpdr.A4) / (2.0 * rpdr.A1)))
+    goal = [str(stretched), str(180.0 - stretched - 360.0)]
+    told, _ = refused(capsys, "simulate", "rpdr", "--goal-deg", *goal, *SET_POINT)
+    assert "Only singular configurations were found over q" in told

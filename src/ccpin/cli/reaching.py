@@ -43,8 +43,7 @@ def _told(options: argparse.Namespace, model: ReducedModel, error: UnreachableEr
         closes = (
             f"The loops close over q in at least {count} way{'s' if count != 1 else ''}, found from {starts}: it is "
             "not out of reach. Go round by poses in between, or begin in another assembly mode (--reference "
-            "JOINT=VALUE …); "
-            f"{command} lists them"
+            f"JOINT=VALUE …); {command} lists them"
         )
     elif found.singular:
         closes = f"Only singular configurations were found over q, from {starts}; {command} looks longer"
