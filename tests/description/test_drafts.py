@@ -131,6 +131,18 @@ def test_what_cannot_be_is_refused(kind, asked, words):
         drafted(kind, asked)
 
 
+def test_without_a_name_the_file_has_the_kinds(tmp_path, capsys, monkeypatch):
+    """In the current folder, and only once."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "ankle"]) == 0
+    assert capsys.readouterr().out.startswith("ankle.urdf written: n = 2")
+    before = (tmp_path / "ankle.urdf").read_bytes()
+    assert main(["new", "ankle", "--lengths", "crank=0.04"]) == 1
+    said = capsys.readouterr().err
+    assert said == "ccpin: InvalidInputError: 'ankle.urdf' is there already: name another file by --out\n"
+    assert (tmp_path / "ankle.urdf").read_bytes() == before
+
+
 def test_no_file_is_written_over(tmp_path, capsys):
     """Nor anything but a URDF, nor where a length is no number."""
     path = tmp_path / "mine.urdf"

@@ -178,6 +178,47 @@ def test_targets_out_of_reach_say_how_far():
     assert turned.value.angle == pytest.approx(0.2, abs=1e-6)
 
 
+@pytest.mark.parametrize(("side", "beyond"), [(-1.0, 0.2), (1.0, -0.2)])
+def test_a_target_far_out_of_reach_is_told_with_where_the_way_ended(side, beyond):
+    """A Delta's top and bottom are where forearms and arms lie in one line (Pythagoras); near= is no help there."""
+    model = ccpin.ReducedModel(ccpin.load("delta"))
+    platform = EndEffector(model, "platform")
+    end = -np.sqrt((delta.FOREARM + side * delta.ARM) ** 2 - (delta.BASE_RADIUS - delta.PLATFORM_RADIUS) ** 2)
+    inside = [0.0, 0.0, end - np.sign(beyond) * 1e-3]
+    assert delta.forward(platform.solve(inside).q) == pytest.approx(inside, abs=1e-9)
+    with pytest.raises(UnreachableTargetError, match="farther than the mechanism reaches") as far:
+        platform.solve([0.0, 0.0, end + beyond])
+    stopped = str(far.value).partition("stopped at [")[2].partition("]")[0]
+    assert [float(number) for number in stopped.split()] == pytest.approx([0.0, 0.0, end], abs=1e-4)
+    assert far.value.distance == pytest.approx(abs(beyond), abs=1e-4)
+    assert "near=" not in str(far.value)
+    with pytest.raises(UnreachableTargetError, match="near= closer to it") as close:
+        platform.solve([0.0, 0.0, end + 0.1 * beyond])
+    assert "farther than" not in str(close.value)
+
+
+def test_what_stops_an_approach_is_told():
+    """Sideways a Delta's loops come to a singular configuration; straight up its arms and rods do not."""
+    model = ccpin.ReducedModel(ccpin.load("delta"))
+    platform = EndEffector(model, "platform")
+    for target, words, singular in (((1.5, 0.0, -1.0), "next to", True), ((0.0, 0.0, -0.3), "not singular", False)):
+        with pytest.raises(UnreachableTargetError, match=f"loops are {words}") as stopped:
+            platform.solve(target)
+        rods = delta.forward(stopped.value.q) - delta.sphere_centres(stopped.value.q)
+        assert (abs(np.linalg.det(rods / delta.FOREARM)) < 1e-2) == singular  # they lie in one plane
+
+
+def test_a_loops_name_is_answered_with_its_links():
+    """Both ends, as they would have to be written; they are where the closed form's tip is."""
+    model = ccpin.ReducedModel(ccpin.load("rpdr"))
+    with pytest.raises(InvalidInputError, match="'end_effector' is a loop's name") as told:
+        EndEffector(model, "end_effector")
+    q = np.radians([-100.0, -80.0])
+    for link, length in (("link3", rpdr.A3), ("link4", rpdr.A4)):
+        assert f"EndEffector(…, '{link}', [{length}, 0.0, 0.0])" in str(told.value)
+        np.testing.assert_allclose(EndEffector(model, link, [length, 0, 0]).pose(q)[[0, 2], 3], tip(q), atol=1e-12)
+
+
 def test_bad_arguments_are_refused():
     """Links, points, targets, efforts and parts are checked, naming what would be right."""
     model, end_effector = tool("rpdr")

@@ -139,6 +139,25 @@ def test_ports(rpdr, opened, tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+@pytest.mark.parametrize("command", ["studio", "view"])
+def test_in_the_background_it_ends_as_it_says(command, tmp_path):
+    """A shell starts it with SIGINT ignored, as scripts do by `&`; the interrupt that it names ends it."""
+    words = [sys.executable, "-m", "ccpin", command, "rpdr", "--no-browser"]
+    words += ["--cache", str(tmp_path)] if command == "studio" else []
+    shell = ["sh", "-c", "trap '' INT; exec \"$@\"", "sh", *words]
+    process = subprocess.Popen(shell, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        said = process.stdout.readline()
+        assert said.startswith("serving http://127.0.0.1:")
+        assert f"kill -INT {process.pid}" in said
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 def test_the_command_serves_until_ctrl_c(tmp_path):
     """`ccpin studio` prints where it serves, serves, and ends with code 130 and without a traceback."""
     command = [sys.executable, "-m", "ccpin", "studio", "rpdr", "--no-browser", "--json", "--cache", str(tmp_path)]

@@ -107,6 +107,20 @@ def test_only_its_own_host_and_token_are_answered(whose):
         assert not opens(f"ws://{root}{path}")
 
 
+def test_who_lacks_the_token_is_told_where_it_was_printed(whose):
+    """In plain words, whatever was asked for, without the token."""
+    url, _ = whose
+    port, token = urlsplit(url).port, urlsplit(url).path.strip("/")
+    for path in ("", "/", "/x/", f"/{token[:-1]}/", "/x/y/z"):
+        with pytest.raises(HTTPError) as refused:
+            urlopen(f"http://127.0.0.1:{port}{path}", timeout=10)
+        said = refused.value.read().decode()
+        assert refused.value.code == 404
+        assert refused.value.headers["Content-Type"].startswith("text/plain")
+        assert "with its token, was printed when this server was started" in said
+        assert token not in said
+
+
 def test_only_its_own_page_opens_the_socket(whose):
     """A page of another origin that learnt the address cannot."""
     url, name = whose

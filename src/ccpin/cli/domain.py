@@ -17,6 +17,7 @@ from ccpin.cli.certificates import curve_facts, curves_in_words, sheet_facts, sh
 from ccpin.cli.command import INTERRUPTED, add_command, complete, count, index, judged
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import busy, progress_bar
+from ccpin.cli.reaching import explained
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
@@ -81,7 +82,8 @@ def _domain(options: argparse.Namespace) -> int:
     model, asked = ReducedModel(mechanism), vector(options, "centre", mechanism)
     if asked is None and region is not None and model.nq == model.n:
         asked = np.mean(region, axis=0)
-    q_free = mechanism.q_reference if asked is None else model.sigma(asked)
+    with explained(options, model, options.centre_deg is not None or options.lower_deg is not None):
+        q_free = mechanism.q_reference if asked is None else model.sigma(asked)
     centre = domain.scalar_coordinates_at(mechanism, q_free)
     with busy(options.json, "proving squares about the centre"):
         theorem = domain.theorem2(mechanism, q_free)

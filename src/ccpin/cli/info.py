@@ -70,7 +70,8 @@ def _modes(options: argparse.Namespace) -> int:
 def _modes_in_words(found: AssemblyModes, joints: Sequence[str]) -> Iterator[str]:
     count = len(found.modes)
     if not count and not found.singular:
-        yield "no assembly mode found: q is out of reach, as far as was looked (`ccpin domain FILE --sheets` proves it)"
+        yield f"no closed configuration found: {found.reason} (`ccpin domain FILE --sheets` proves where none is)"
+        return
     yield f"{count} assembly mode{'s' if count != 1 else ''} found: {found.reason}"
     if count:
         yield f"q′ in rad and m, of {', '.join(joints)}"

@@ -19,7 +19,7 @@ example: ccpin new five-bar --out five_bar.urdf
          ccpin new delta --lengths arm=0.3 forearm=0.7 --out delta.urdf
          ccpin check delta.urdf
          ccpin new stewart --lengths base=0.5 platform=0.3 height=0.6 --out hexapod.urdf
-         ccpin new ankle --out ankle.urdf"""
+         ccpin new ankle"""
 
 
 def add_new(commands: Any) -> None:
@@ -31,17 +31,18 @@ def add_new(commands: Any) -> None:
     parser = add_command(commands, "new", f"kinds and their usual lengths:\n{kinds}\n{_EXAMPLES}", _new)
     parser.add_argument("kind", choices=tuple(DRAFTS), help="what to start from")
     parser.add_argument("--lengths", nargs="+", metavar="NAME=M", default=[], help="lengths in metres (default: usual)")
-    out = parser.add_argument("-o", "--out", type=Path, metavar="URDF", required=True, help="the file to write")
+    written = "the file to write (default: the kind's name, in this folder); none is written over"
+    out = parser.add_argument("-o", "--out", type=Path, metavar="URDF", help=written)
     complete(out, shtab.FILE)
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def _new(options: argparse.Namespace) -> int:
-    out: Path = options.out
+    out: Path = Path(f"{options.kind}.urdf") if options.out is None else options.out
     if out.suffix != ".urdf":
         raise InvalidInputError(f"--out names a .urdf, not '{out}' (ccpin convert writes other formats from it)")
     if out.exists():
-        raise InvalidInputError(f"'{out}' is there already: name another file")
+        raise InvalidInputError(f"'{out}' is there already: name another file by --out")
     mechanism = load(drafted(options.kind, _lengths(options.lengths)))
     mechanism.save(out)
     if options.json:

@@ -75,6 +75,18 @@ def wishes(options: argparse.Namespace) -> dict[str, Any]:
     return {"reference": _pose(options.reference), **stated}
 
 
+def mechanism_words(options: argparse.Namespace) -> list[str]:
+    """The mechanism and what overrides its file, as they are written on a command line."""
+    words = [options.mechanism]
+    for name in ("reference", *_WISHES, *_READING, "xacro_arg"):
+        value = getattr(options, name)
+        if value is True:
+            words.append(_spelt(name))
+        elif value not in (None, False, (), []):
+            words += [_spelt(name), *(value if isinstance(value, list) else [str(value)])]
+    return words
+
+
 def _reading(options: argparse.Namespace) -> dict[str, Any]:
     stated = {name: value for name in _READING if (value := getattr(options, name)) is not None}
     return {"xacro_arguments": _xacro_arguments(options.xacro_arg), **stated}

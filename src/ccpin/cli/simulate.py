@@ -14,6 +14,7 @@ from ccpin.arrays import Array
 from ccpin.cli.command import INTERRUPTED, add_command, complete, count, nonnegative, positive
 from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, each, load, vector
 from ccpin.cli.progress import busy
+from ccpin.cli.reaching import explained
 from ccpin.control import ControlLaw, PDFullGravity, PDSimpleGravity, local_gains
 from ccpin.control.control_law import NoTorque
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -63,6 +64,11 @@ def add_simulate(commands: Any) -> None:
 def _simulate(options: argparse.Namespace) -> int:
     mechanism = load(options)
     model = ReducedModel(mechanism)
+    with explained(options, model, options.goal_deg is not None or options.start_deg is not None):
+        return _moved(options, mechanism, model)
+
+
+def _moved(options: argparse.Namespace, mechanism: Mechanism, model: ReducedModel) -> int:
     start, goal = vector(options, "start", mechanism), vector(options, "goal", mechanism)
     start = model.alpha(mechanism.q_reference) if start is None else start
     goal = start if goal is None else goal

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from ccpin.cli.command import add_command
 from ccpin.cli.options import add_mechanism, load
+from ccpin.cli.serving import serve
 
 
 def add_studio(commands: Any) -> None:
@@ -26,6 +26,4 @@ def _studio(options: argparse.Namespace) -> None:
 
     mechanism = load(options)
     with studio(mechanism, port=options.port, open_browser=not options.no_browser, cache=options.cache) as opened:
-        words = json.dumps({"url": opened.url}) if options.json else f"serving {opened.url}  (Ctrl-C ends it)"
-        print(words, flush=True)
-        opened.wait()
+        serve(opened, options.json)

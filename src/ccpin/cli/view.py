@@ -14,6 +14,7 @@ import shtab
 from ccpin.cli.command import add_command, complete, positive
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
+from ccpin.cli.serving import serve
 from ccpin.errors import InvalidInputError
 from ccpin.simulation.results.forces import closure_forces
 from ccpin.simulation.results.trajectory import Trajectory
@@ -62,10 +63,7 @@ def _view(options: argparse.Namespace) -> None:
         return
     q_free, t = (None, None) if motion is None else (motion.q_free, motion.t)
     with visualization.view(mechanism, q_free, t, open_browser=not options.no_browser, **shown) as viewer:
-        print(
-            json.dumps({"url": viewer.url}) if options.json else f"serving {viewer.url}  (Ctrl-C ends it)", flush=True
-        )
-        viewer.wait()
+        serve(viewer, options.json)
 
 
 @contextmanager

@@ -189,10 +189,13 @@ class _ModeFinder:
         rarest = min((mode.hits for mode in modes), default=0)
         seen = f"{self.closed} of {self.starts} starts closed"
         seen += f", and each mode was found from {rarest} of them at least" if modes else ""
-        quiet = f"the last {self.quiet} starts that closed led to nothing new"
-        told = (
-            f"{stopped}, so modes may be missing" if stopped else f"{quiet}: evidence that there are no more, no proof"
-        )
+        if stopped:
+            told = f"{stopped}, so modes may be missing"
+        elif self.closed:
+            quiet = f"the last {self.quiet} starts that closed led to nothing new"
+            told = f"{quiet}: evidence that there are no more, no proof"
+        else:
+            told = "evidence that q is out of reach, no proof"
         return AssemblyModes(modes, self.starts, self.singular, not stopped, f"{told}; {seen}")
 
 

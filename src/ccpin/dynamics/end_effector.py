@@ -60,6 +60,7 @@ class EndEffector:
     def __init__(self, model: ReducedModel | Mechanism, link: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         self.model = model_of(model)
         self.link = link
+        _refuse_loop(self.model.mechanism, link)
         self.point = LinkPoint(self.model.mechanism.tree, link, point)
 
     def pose(self, q: ArrayLike | State, near: Near = None) -> Array:
@@ -137,3 +138,16 @@ class EndEffector:
                 singularity, or asks for more directions than the mechanism has.
         """
         return solve(self.model, self.point, target, near)
+
+
+def _refuse_loop(mechanism: Mechanism, link: str) -> None:
+    """Say of a loop's name, where a link's is asked for, which links meet there and where.
+
+    Raises:
+        InvalidInputError: It is a loop's, and no link's.
+    """
+    loops = {closure.name: closure for closure in mechanism.closures}
+    if not isinstance(link, str) or link in mechanism.tree.attachments or link not in loops:
+        return
+    ends = [f"EndEffector(…, '{name}', {np.round(frame[:3, 3], 9).tolist()})" for name, frame in loops[link].ends]
+    raise InvalidInputError(f"'{link}' is a loop's name, not a link's; its point is {ends[0]}, or {ends[1]}")

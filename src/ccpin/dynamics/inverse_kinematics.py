@@ -15,6 +15,8 @@ from ccpin.kinematics.least_squares import Linearized, levenberg_marquardt
 from ccpin.kinematics.points import LinkPoint, rotation_error
 
 TOLERANCE = 1e-11  # of the gap to the target, m and rad
+_FAR = 0.1  # of half the way round the largest loop: a target left by more is out of reach, not missed
+_NEXT_TO_SINGULAR = 1e-4  # of rcond: the loops are what stopped the approach
 
 
 class Solution(NamedTuple):
@@ -101,11 +103,28 @@ def _unreachable(target: _Target, here: State, error: Array) -> UnreachableTarge
     distance = float(np.linalg.norm(error[:3]))
     angle = float(np.linalg.norm(error[3:]))
     turned = f" and {np.degrees(angle):.4g}° of turning" if target.rotation is not None else ""
+    shown = (target.position, target.position - error[:3], here.q)
+    wanted, came, q = (np.array2string(array, precision=6, suppress_small=True) for array in shown)
+    stopped = (
+        "the loops are next to a singular configuration or the end of their workspace there"
+        if here.rcond < _NEXT_TO_SINGULAR
+        else "the loops are not singular there, but no step brought the point much nearer"
+    )
+    if distance > _FAR * 0.5 * here.model.parametrization.constraints.extent:
+        told = (
+            f"the target at {wanted} m is farther than the mechanism reaches on the way it went: the point stopped at "
+            f"{came} m, {distance:.4g} m{turned} short, at q = {q}; {stopped}"
+        )
+        advice = ""
+    else:
+        told = (
+            f"the target at {wanted} m was not reached on this branch: the nearest the iteration came, {came} m, "
+            f"leaves {distance:.4g} m{turned}, at q = {q}; {stopped}"
+        )
+        advice = "; pass near= closer to it, or on the other branch"
     return UnreachableTargetError(
-        f"the target at {np.array2string(target.position, precision=6)} m was not reached on this branch: the "
-        f"nearest the iteration came leaves {distance:.4g} m{turned}, at q = {np.array2string(here.q, precision=6)} "
-        f"(reciprocal condition number of ψ_q′ {here.rcond:.1e}); the mechanism moves in {here.model.n} directions; "
-        "pass near= closer to it, or on the other branch",
+        f"{told} (reciprocal condition number of ψ_q′ {here.rcond:.1e}); the mechanism moves in {here.model.n} "
+        f"direction{'s' if here.model.n != 1 else ''}{advice}",
         q=here.q,
         q_free=here.q_free,
         distance=distance,

@@ -36,6 +36,8 @@ LARGEST_HEADER = 1 << 14  # bytes of a request
 LARGEST_BODY = 1 << 12  # bytes of a request: more is refused
 TOO_SLOW = 1013
 """The code with which a page is hung up on that does not read."""
+REFUSED = "Nothing is here. The page's address, with its token, was printed when this server was started.\n"
+"""What is said where nothing is served: to whom the address was not told it tells nothing."""
 HEADERS = {
     "Cache-Control": "no-store",
     "Referrer-Policy": "no-referrer",
@@ -197,7 +199,15 @@ class Server(Generic[Welcomed]):
             if handler.request.host not in hosts or not hmac.compare_digest(token.encode(), server._token.encode()):
                 raise HTTPError(404)
 
-        class PageHandler(RequestHandler):  # type: ignore[misc]
+        class Refusal(RequestHandler):  # type: ignore[misc]
+            def prepare(self) -> None:
+                raise HTTPError(404)
+
+            def write_error(self, status_code: int, **kwargs: Any) -> None:
+                self.set_header("Content-Type", "text/plain; charset=utf-8")
+                self.finish(REFUSED if status_code == 404 else f"{status_code}\n")
+
+        class PageHandler(Refusal):
             def prepare(self) -> None:
                 admit(self, self.path_args[0])
 
@@ -232,6 +242,7 @@ class Server(Generic[Welcomed]):
 
         return Application(
             [(r"/([^/]*)/", PageHandler), (rf"/([^/]*)/{self._name}", Socket)],
+            default_handler_class=Refusal,
             log_function=lambda handler: None,
             websocket_max_message_size=LARGEST_MESSAGE,
         )
