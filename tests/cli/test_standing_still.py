@@ -185,13 +185,6 @@ def test_many_motors_unlike_are_told_from_the_nearest_to_its_limit(capsys):
     assert rest == f"of {6 - named} more a smaller share of the limit"
 
 
-def test_without_a_motor_nothing_is_held(tmp_path):
-    """A file that says that there is none."""
-    found = examine(replace(read_description(parallelogram(tmp_path, crank=1)), actuated=(), motors=()))
-    assert (found.drives.each, found.drives.driven, found.verdict) == ((), 0, "undecided")
-    assert any(finding.sentence == "no efforts of the motors hold it still" for finding in found.findings)
-
-
 def test_the_mass_that_moves(tmp_path, capsys):
     """A base's does not; nor does that of an arm whose joint is locked."""
     _, facts, said = checked(parallelogram(tmp_path, crank=0), capsys)

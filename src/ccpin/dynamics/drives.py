@@ -122,7 +122,7 @@ def _standing(
     load = rho.T @ pull
     if not (np.abs(load) > _ROUNDING * least).any():
         return none, True
-    efforts = np.asarray(np.linalg.lstsq(transmission, load, rcond=None)[0]) if len(limits) else np.zeros(0)
+    efforts = np.asarray(np.linalg.lstsq(transmission, load, rcond=None)[0])
     if (np.abs(transmission @ efforts - load) > _ROUNDING * least).any():
         return none, False
     if shared and not _within(efforts, limits):
