@@ -366,6 +366,7 @@ def test_a_motor_on_what_cannot_turn_moves_nothing(tmp_path, capsys):
     path = written(tmp_path, askew, ("</robot>", f"{beside}</robot>"), text=bare)
     facts = checked(path, capsys, "--actuated", "crank", "swing")[1]
     assert facts["independent"] == ["swing"]
+    assert facts["moving_mass"] == pytest.approx(1.0)  # the bob's
     assert "motor 'crank_motor' moves nothing" in sentences(facts, "doubtful")
 
 

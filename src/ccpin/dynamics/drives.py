@@ -116,7 +116,7 @@ def _standing(
     """
     description = mechanism.description
     none: list[float | None] = [None] * len(limits)
-    pull = FreeSystem(mechanism.tree, np.array(description.gravity)).gravity(mechanism.q_reference)
+    pull = FreeSystem(mechanism.tree).gravity(mechanism.q_reference)
     mass = sum(inertia.mass for inertia in mechanism.tree.model.inertias)
     least = mass * np.linalg.norm(description.gravity) * description.size + np.abs(pull).max(initial=0.0)
     load = rho.T @ pull
