@@ -33,7 +33,7 @@ def written(kind, asked, tmp_path):
 
 @every_draft
 def test_a_draft_loads_closes_and_is_sound(kind, asked, tmp_path, capsys):
-    """With as many freedoms as the textbooks give it, each held by its motor, and nothing to be said against it."""
+    """With as many freedoms as the textbooks give it, each driven by its motor, and nothing to be said against it."""
     path = written(kind, asked, tmp_path)
     assert max(pinocchio_gaps(path).values()) < 1e-9
     capsys.readouterr()
@@ -41,7 +41,7 @@ def test_a_draft_loads_closes_and_is_sound(kind, asked, tmp_path, capsys):
     facts = json.loads(capsys.readouterr().out)
     assert facts["mobility"] == facts["driven"] == len(facts["motors"]) == FREEDOMS[kind]
     assert all(gap["length"] < 1e-9 for gap in facts["stated"])
-    assert not [one for one in facts["findings"] if one["weight"] != "told"]
+    assert not [one for one in facts["findings"] if one["weight"] != "note"]
 
 
 @every_draft

@@ -17,7 +17,7 @@ COMMANDS: dict[str, Command] = {
     "info": Command("info", "what was loaded: sizes, mobility, joints, conditioning"),
     "check": Command(
         "check",
-        "whether a file's loops close, what moves, what holds it, what is wrong (exit code 4) or doubtful (3)",
+        "whether a file's loops close, what moves, what drives it, what is wrong (exit code 4) or doubtful (3)",
     ),
     "modes": Command("info", "the assembly modes over a given q"),
     "simulate": Command("simulate", "a set-point motion, once or in cycles, with figures and data"),

@@ -23,7 +23,7 @@ _AFAR = 30.0  # times: a body so much larger or smaller than the mechanism is in
 _MANY_TURNS, _MOST_DEGREES, _ROUND = 30.0, 720.0, 5.0  # rad; a limit between them and a multiple of this may be degrees
 _PARALLEL = 1e-6  # sine of the angle between two axes of a file
 
-Weight = Literal["wrong", "doubtful", "told"]
+Weight = Literal["wrong", "doubtful", "note"]
 
 
 class Finding(NamedTuple):
@@ -76,7 +76,7 @@ def of_limits(description: MechanismDescription) -> Iterator[Finding]:
         if stated:
             turns = f"{abs(stated[-1]) / (2 * np.pi):.0f} turns"
             yield Finding(
-                "told", f"joint '{joint.name}' has a limit of {stated[-1]:g} rad, which is {turns}: is it in degrees?"
+                "note", f"joint '{joint.name}' has a limit of {stated[-1]:g} rad, which is {turns}: is it in degrees?"
             )
 
 

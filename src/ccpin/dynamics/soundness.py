@@ -1,7 +1,7 @@
 """Whether what a file states is a mechanism: its loops close, its limits admit that, its masses are some body's.
 
 Each finding has a weight. *wrong*: no mechanism is as the file states, and the finding's numbers show it. *doubtful*:
-that is not shown, and a person has to look. *told*: worth knowing. The verdict is ``refuted`` with a finding that is
+that is not shown, and a person has to look. *note*: worth knowing. The verdict is ``refuted`` with a finding that is
 wrong, else ``undecided`` with one that is doubtful, else ``proven``.
 """
 
@@ -19,10 +19,10 @@ from ccpin.description.checks import of_no_body
 from ccpin.description.elements.graph import without_strays
 from ccpin.description.joint_kinds import FIXED
 from ccpin.description.model import MechanismDescription
+from ccpin.dynamics.drives import Drives, drives_of, of_standing
 from ccpin.dynamics.free_system import FreeSystem
 from ccpin.dynamics.plausibility import Finding, in_radians, of_axes, of_limits, of_units
 from ccpin.errors import IndependentSetError, LoopNotClosedError
-from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.tree import Tree, build_tree
 from ccpin.mechanism.loading.loader import load
 from ccpin.mechanism.loading.reference_search import stated_pose
@@ -32,16 +32,7 @@ from ccpin.mechanism.poses.closure_gaps import ClosureGap, gaps
 _ROUNDING = 1e-9  # of the largest entry, or rad or m: less is none
 _OPEN, _TURNED = 1e-3, 1e-2  # of the mechanism's size, and rad: a stated pose more open than that is no rounded one
 _MASSLESS = 1e-13  # of the largest principal value of D, scaled to a unit diagonal: a smaller one is none
-_LOOSE = 1e-6  # of a unit velocity: a coordinate that moves no faster stands still
 _NAMED = 6
-
-
-class Held(NamedTuple):
-    """What a motor acts on at the reference: the independent coordinates that its effort drives when all else rests."""
-
-    motor: str
-    joint: str
-    coordinates: tuple[str, ...]
 
 
 class Soundness(NamedTuple):
@@ -51,16 +42,14 @@ class Soundness(NamedTuple):
         stated: The closures' gaps where the file (or the caller) says the mechanism stands, before anything is moved.
         assembled: The same after assembling, or at the least open pose found; empty where there is none to tell of.
         mechanism: What was assembled, if the loops close.
-        held: What each motor acts on.
-        driven: How many of the n freedoms the motors hold.
+        drives: What the motors do; ``None`` where nothing closed.
         findings: All that was found, the gravest first.
     """
 
     stated: tuple[ClosureGap, ...]
     assembled: tuple[ClosureGap, ...]
     mechanism: Mechanism | None
-    held: tuple[Held, ...]
-    driven: int
+    drives: Drives | None
     findings: tuple[Finding, ...]
 
     @property
@@ -85,7 +74,7 @@ def examine(
     stated = gaps(tree, posed.closures, here)
     found = [*_of_bodies(posed), *of_units(posed), *of_limits(posed), *_of_stated_pose(tree, posed, stated)]
     if posed.actuated is None and wishes.get("actuated") is None:
-        found.append(Finding("told", "no motor is stated: the independent joints are taken to have one each"))
+        found.append(Finding("note", "no motor is stated: the independent joints are taken to have one each"))
     try:
         mechanism, unlike = _loaded(posed, floating_base=floating_base, **wishes)
     except LoopNotClosedError as error:
@@ -93,16 +82,16 @@ def examine(
         least = error.q_free
         assembled = gaps(tree, posed.closures, least) if np.shape(least) == (tree.model.nq,) else ()
         found.append(Finding("wrong" if error.never else "doubtful", str(error)))
-        return Soundness(stated, assembled, None, (), 0, _sorted(found))
-    held, driven, loose = _held(mechanism)
+        return Soundness(stated, assembled, None, None, _sorted(found))
+    drives = drives_of(mechanism)
     found += [
         *unlike,
-        *_of_motion(mechanism, held, driven, loose),
-        *(Finding("told", note) for note in mechanism.notes),
+        *_of_motion(mechanism, drives),
+        *(Finding("note", note) for note in mechanism.notes),
     ]
     found += of_axes(mechanism.tree, mechanism.description, mechanism.q_reference)
     assembled = gaps(mechanism.tree, mechanism.closures, mechanism.q_reference)
-    return Soundness(stated, assembled, mechanism, held, driven, _sorted(found))
+    return Soundness(stated, assembled, mechanism, drives, _sorted(found))
 
 
 def _loaded(description: MechanismDescription, **wishes: Any) -> tuple[Mechanism, list[Finding]]:
@@ -118,7 +107,7 @@ def _loaded(description: MechanismDescription, **wishes: Any) -> tuple[Mechanism
 
 def _sorted(found: list[Finding]) -> tuple[Finding, ...]:
     """The gravest first; a sentence once."""
-    order = ("wrong", "doubtful", "told")
+    order = ("wrong", "doubtful", "note")
     by_sentence = {one.sentence: one for one in sorted(found, key=lambda one: -order.index(one.weight))}
     return tuple(sorted(by_sentence.values(), key=lambda one: order.index(one.weight)))
 
@@ -130,12 +119,12 @@ def _of_bodies(description: MechanismDescription) -> Iterator[Finding]:
     moving = {joint.child for joint in description.joints if joint.kind != FIXED}
     light = [x.name for x in description.links if x.name in moving and not (x.inertia and x.inertia.mass > 0.0)]
     if light:
-        yield Finding("told", f"without mass, though a joint moves them: {_some(light)}")
+        yield Finding("note", f"without mass, though a joint moves them: {_some(light)}")
 
 
 def _of_stated_pose(tree: Tree, description: MechanismDescription, stated: tuple[ClosureGap, ...]) -> Iterator[Finding]:
     if not description.reference:
-        yield Finding("told", "no pose is stated, so the loops are closed from all joints at zero")
+        yield Finding("note", "no pose is stated, so the loops are closed from all joints at zero")
         return
     agape = [gap for gap in stated if _is_open(gap, description)]
     for gap in agape:
@@ -164,50 +153,27 @@ def told_gap(gap: ClosureGap) -> str:
     return f"{length:.4g} m {angle:.4g}°" if length >= 1.0 else f"{1e3 * length:.4g} mm {angle:.4g}°"
 
 
-def _held(mechanism: Mechanism) -> tuple[tuple[Held, ...], int, tuple[str, ...]]:
-    """What ρᵀSᵀ takes each motor's effort to at the reference, its rank, and what moves where no motor does.
-
-    The rank is the number of freedoms that the motors hold; velocities in the kernel of S ρ are held by none.
-    """
-    tree, here = mechanism.tree, mechanism.q_reference
-    rho = mechanism.parametrization().at(here).rho
-    motors, coordinates = (IndependentCoordinates(tree, x, here) for x in (mechanism.actuated, mechanism.independent))
-    acts, names, held = motors.jacobian(here) @ rho, _of_each_velocity(coordinates), list[Held]()
-    for motor, joint, row in zip(mechanism.motors.each, _of_each_velocity(motors), acts, strict=True):
-        moved = np.abs(row) > _ROUNDING * np.abs(row).max(initial=0.0)
-        own = dict.fromkeys(name for name, is_so in zip(names, moved, strict=True) if is_so)
-        held.append(Held(motor.name, joint, tuple(own)))
-    _, singular, right = np.linalg.svd(acts if acts.size else np.zeros((1, len(names))))
-    driven = int(np.sum(singular > _ROUNDING * singular.max(initial=0.0)))
-    loose = np.abs(right[driven:]).max(axis=0, initial=0.0) > _LOOSE
-    return tuple(held), driven, tuple(dict.fromkeys(name for name, is_so in zip(names, loose, strict=True) if is_so))
-
-
-def _of_each_velocity(coordinates: IndependentCoordinates) -> list[str]:
-    """The coordinate's name for each of its velocities."""
-    return [part.name for part in coordinates.parts for _ in range(part.v.stop - part.v.start)]
-
-
-def _of_motion(mechanism: Mechanism, held: tuple[Held, ...], driven: int, loose: tuple[str, ...]) -> Iterator[Finding]:
-    mobility, n = mechanism.mobility, mechanism.n
+def _of_motion(mechanism: Mechanism, drives: Drives) -> Iterator[Finding]:
+    mobility, n, driven = mechanism.mobility, mechanism.n, drives.driven
     floating, motors = _of_the_base(mechanism), len(mechanism.actuated)
     if n == 0 and not mechanism.locked:
         rows = f"the loops take all {mobility.n_free} freedoms of its joints"
         yield Finding("wrong", f"nothing moves: {rows}, so it is a structure")
         return
-    for motor in held:
-        if not motor.coordinates:
-            yield Finding("doubtful", f"motor '{motor.motor}' moves nothing")
+    for drive in drives.each:
+        if not drive.coordinates:
+            yield Finding("doubtful", f"motor '{drive.motor}' moves nothing")
     if driven < n - floating:
-        some = f"what nothing holds moves {_some(list(loose))}"
-        yield Finding("doubtful", f"the motors hold {driven} of {n} freedoms: {some}")
+        some = f"what nothing drives moves {_some(list(drives.loose))}"
+        yield Finding("doubtful", f"the motors drive {driven} of {n} freedoms: {some}")
     elif driven < n:
-        yield Finding("told", f"the motors hold {driven} of {n} freedoms, and the base floats")
+        yield Finding("note", f"the motors drive {driven} of {n} freedoms, and the base floats")
     if motors > driven:
-        yield Finding("told", f"{motors} motors for {driven} freedoms: some can work against each other")
+        yield Finding("note", f"{motors} motors for {driven} freedoms: some can work against each other")
+    yield from of_standing(drives, floating > 0)
     if mobility.rows > mobility.rank:
         extra = mobility.rows - mobility.rank
-        yield Finding("told", f"redundant rows: {extra} of {mobility.rows}, so that it moves for exact lengths only")
+        yield Finding("note", f"redundant rows: {extra} of {mobility.rows}, so that it moves for exact lengths only")
     outside = _outside(mechanism)
     if outside:
         yield Finding(

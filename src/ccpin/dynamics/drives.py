@@ -1,0 +1,179 @@
+"""What each motor drives at the reference, and what standing still there takes of it.
+
+At rest (22) is ρᵀSᵀu = g, of gravity and springs. With a motor for each freedom u is one. With more there are many, and
+whether one of them is within the limits is a linear programme. With fewer there is one only where g is zero along what
+no motor drives. Joints' friction, which would help, is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ccpin.arrays import Array
+from ccpin.dynamics.free_system import FreeSystem
+from ccpin.dynamics.plausibility import Finding
+from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.mechanism.mechanism import Mechanism
+
+_ROUNDING = 1e-9  # of the largest entry, or of weight times size: less is none
+_LOOSE = 1e-6  # of a unit velocity: what moves no faster stands still
+_ENOUGH = 1.0 + 1e-6  # of a limit: what a linear programme may be off
+
+
+class Drive(NamedTuple):
+    """A motor, and what its effort does at the reference when all else rests.
+
+    Attributes:
+        motor, joint: Its name, and that of the joint that it is on.
+        coordinates: The independent coordinates that it drives.
+        unit: Of its effort on the joint: N m, or N where that slides.
+        limits: Of that effort, from and to; infinite where none is stated.
+        standing: That effort when all stands still; ``None`` where nothing pulls at the freedoms, or no efforts of the
+            motors hold them.
+    """
+
+    motor: str
+    joint: str
+    coordinates: tuple[str, ...]
+    unit: str
+    limits: tuple[float, float]
+    standing: float | None
+
+    @property
+    def limited(self) -> bool:
+        """Whether a limit is stated."""
+        return bool(np.isfinite(self.limits).any())
+
+    @property
+    def share(self) -> float:
+        """Of its limit, what standing still takes: above 1 the limit does not suffice."""
+        effort, (lower, upper) = self.standing or 0.0, self.limits
+        if lower > 0.0 or upper < 0.0:
+            return 1.0 if lower <= effort <= upper else np.inf
+        limit = upper if effort > 0.0 else -lower
+        return 0.0 if not effort else abs(effort) / limit if limit else np.inf
+
+    def told(self) -> tuple[str, str]:
+        """The effort with its unit, and the limit or both: without signs where the limit is the same either way."""
+        effort, (lower, upper) = self.standing or 0.0, self.limits
+        if lower == -upper:
+            return f"{abs(effort):.3g} {self.unit}", f"limit {upper:.4g} {self.unit}"
+        return f"{effort:.3g} {self.unit}", f"limits {lower:.4g} … {upper:.4g} {self.unit}"
+
+
+class Drives(NamedTuple):
+    """What all motors do at the reference.
+
+    Attributes:
+        each: The motors.
+        driven: The rank of ρᵀSᵀ: how many of the n freedoms they drive.
+        loose: The coordinates of what moves where no motor does.
+        balanced: Whether efforts of the motors, however large, hold it still.
+    """
+
+    each: tuple[Drive, ...]
+    driven: int
+    loose: tuple[str, ...]
+    balanced: bool
+
+    @property
+    def shared(self) -> bool:
+        """Whether there are many efforts that hold it still, as motors can work against each other."""
+        return len(self.each) > self.driven
+
+
+def drives_of(mechanism: Mechanism) -> Drives:
+    """What ρᵀSᵀ takes each motor's effort to at the reference, and the efforts at rest there; S is of unit gears."""
+    tree, here = mechanism.tree, mechanism.q_reference
+    rho = mechanism.parametrization().at(here).rho
+    motors, coordinates = (IndependentCoordinates(tree, x, here) for x in (mechanism.actuated, mechanism.independent))
+    acts, names = motors.jacobian(here) @ rho, _of_each_velocity(coordinates)
+    _, singular, right = np.linalg.svd(acts if acts.size else np.zeros((1, len(names))))
+    driven = int(np.sum(singular > _ROUNDING * singular.max(initial=0.0)))
+    loose = _named(names, np.abs(right[driven:]).max(axis=0, initial=0.0) > _LOOSE)
+    limits = np.sort(mechanism.motors.gears[:, None] * mechanism.motors.limits, axis=1)
+    standing, balanced = _standing(mechanism, rho, acts.T, limits, len(acts) > driven)
+    units = ["N" if slides else "N m" for part in motors.parts for slides in part.slides]
+    of_each = zip(mechanism.motors.each, _of_each_velocity(motors), acts, units, limits, standing, strict=True)
+    each = [
+        Drive(motor.name, joint, _moved(names, row), unit, (float(lower), float(upper)), effort)
+        for motor, joint, row, unit, (lower, upper), effort in of_each
+    ]
+    return Drives(tuple(each), driven, loose, balanced)
+
+
+def _standing(
+    mechanism: Mechanism, rho: Array, transmission: Array, limits: Array, shared: bool
+) -> tuple[list[float | None], bool]:
+    """Efforts u on the motors' joints with ρᵀSᵀu = g, within limits (motors, 2) if any are, else of least norm.
+
+    Returns:
+        u, of ``None`` where g is zero or no u will do, and whether one will.
+    """
+    description = mechanism.description
+    none: list[float | None] = [None] * len(limits)
+    pull = FreeSystem(mechanism.tree).gravity(mechanism.q_reference)
+    mass = sum(inertia.mass for inertia in mechanism.tree.model.inertias)
+    least = mass * np.linalg.norm(description.gravity) * description.size + np.abs(pull).max(initial=0.0)
+    load = rho.T @ pull
+    if not (np.abs(load) > _ROUNDING * least).any():
+        return none, True
+    efforts = np.asarray(np.linalg.lstsq(transmission, load, rcond=None)[0])
+    if (np.abs(transmission @ efforts - load) > _ROUNDING * least).any():
+        return none, False
+    if shared and not _within(efforts, limits):
+        from scipy.optimize import linprog
+
+        size = np.abs(load).max()
+        found = linprog(np.zeros(len(limits)), A_eq=transmission, b_eq=load / size, bounds=limits / size)
+        efforts = size * found.x if found.success else efforts
+    return [float(u) if abs(u) > _ROUNDING * np.abs(efforts).max() else 0.0 for u in efforts], True
+
+
+def _within(efforts: Array, limits: Array) -> bool:
+    return bool(((limits[:, 0] <= efforts) & (efforts <= limits[:, 1])).all())
+
+
+def of_standing(drives: Drives, floats: bool) -> Iterator[Finding]:
+    """Motors that cannot carry what they drive, at rest at the reference."""
+    if not drives.balanced:
+        if floats:
+            yield Finding("note", "what standing still takes is not told: it depends on what carries the base")
+        else:
+            yield Finding("doubtful", "no efforts of the motors hold it still")
+    weak = [drive for drive in drives.each if drive.standing is not None and drive.share > _ENOUGH]
+    if weak and drives.shared:
+        yield Finding("doubtful", f"however {len(drives.each)} motors share it, their limits do not hold it still")
+        return
+    for drive in weak:
+        effort, limit = drive.told()
+        yield Finding("doubtful", f"motor '{drive.motor}' cannot hold it still: that takes {effort} ({limit})")
+
+
+def moving_mass(mechanism: Mechanism) -> float:
+    """The mass, kg, of all bodies that some q̇ moves at the reference."""
+    model, here = mechanism.tree.model, mechanism.q_reference
+    moves = np.zeros(model.njoints, dtype=bool)
+    with mechanism.tree.scratch.lent() as data:
+        for v_free in mechanism.parametrization().at(here).rho.T:
+            pin.forwardKinematics(model, data, here, v_free)
+            moves |= [np.linalg.norm(v.vector) > _LOOSE * np.linalg.norm(v_free) for v in data.v]
+    return float(sum(inertia.mass for inertia, moved in zip(model.inertias, moves, strict=True) if moved))
+
+
+def _of_each_velocity(coordinates: IndependentCoordinates) -> list[str]:
+    """The coordinate's name for each of its velocities."""
+    return [part.name for part in coordinates.parts for _ in range(part.v.stop - part.v.start)]
+
+
+def _moved(names: list[str], row: Array) -> tuple[str, ...]:
+    """The names of what is not zero in a row."""
+    return _named(names, np.abs(row) > _ROUNDING * np.abs(row).max(initial=0.0))
+
+
+def _named(names: list[str], which: Array) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for name, is_so in zip(names, which, strict=True) if is_so))
