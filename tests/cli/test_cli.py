@@ -13,6 +13,8 @@ from ccpin.dynamics.assembly import _ModeFinder
 from tests.support.paper import MOVE_OPTIONS
 from tests.support.places import MODELS
 
+STROKES = ("--start", *["0"] * 6, "--goal", *["0.01"] * 6)
+
 
 def test_info_in_words(capsys):
     """What was loaded is told with its numbers."""
@@ -118,6 +120,28 @@ def test_simulate_point_to_point(capsys, tmp_path):
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"motion.csv", "motion.npz", "metrics.json", "motion.png", "configurations.png", "animation.html"}
     assert ccpin.Trajectory.load(tmp_path / "motion.npz").closure_error.max() <= 1e-10
+
+
+@pytest.mark.parametrize(
+    ("arguments", "goal", "scale", "unit", "band"),
+    [
+        (["rpdr", *MOVE_OPTIONS, "--duration", "0.4"], np.radians([-90.0, -100.0]), np.degrees(1.0), "°", 2.0),
+        (["rpdr", *MOVE_OPTIONS, "--duration", "0.1"], np.radians([-90.0, -100.0]), np.degrees(1.0), "°", 2.0),
+        (["stewart", *STROKES, "--duration", "0.05", "--band-deg", "0.1"], np.full(6, 0.01), 1e3, " mm", 1.75),
+    ],
+)
+def test_simulate_tells_how_far_off_it_ends(arguments, goal, scale, unit, band, capsys, tmp_path):
+    """|q_d − q| of the last sample in degrees or millimetres beside the band, and in SI units in the JSON."""
+    assert main(["simulate", *arguments, "--out", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    off = np.abs(goal - ccpin.Trajectory.load(tmp_path / "motion.npz").q[-1])
+    numbers = [f"{scale * value:.2f}{unit}" for value in off]
+    assert f", {', '.join(numbers[:-1])} and {numbers[-1]} off at the end" in text
+    assert f"within ±{band:g}{unit}" in text
+    assert ("not within" in text) == bool(scale * off.max() > band)
+    move = json.loads((tmp_path / "metrics.json").read_text())["moves"][0]
+    np.testing.assert_allclose(move["steady_state_error"], off, atol=1e-15)
+    assert scale * move["band"] == pytest.approx(band, abs=0.005)
 
 
 def test_simulate_cycles(capsys):
