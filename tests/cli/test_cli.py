@@ -1,5 +1,6 @@
 """The command line: words and JSON, files written, errors with exit codes."""
 
+import itertools
 import json
 import subprocess
 import sys
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin import plotting
 from ccpin.cli import main
 from ccpin.dynamics.assembly import _ModeFinder
 from tests.support.paper import MOVE_OPTIONS
@@ -67,6 +69,45 @@ def test_degrees_of_a_length_are_refused(capsys):
     """A prismatic coordinate is never read as degrees."""
     assert main(["modes", "stewart", "--q-deg", *["5"] * 6]) == 1
     assert "all angles" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "count"), [("rpdr", 2), ("stewart", 8)])
+def test_modes_are_drawn(name, count, capsys, monkeypatch, tmp_path):
+    """A panel a mode, planar or in space, each with its number above; no heading covers another; a file and a line."""
+    kept, save = [], plotting.save
+    monkeypatch.setattr(plotting, "save", lambda figure, path: (kept.append(figure), save(figure, path)))
+    assert main(["modes", name, "--out", str(tmp_path / "modes.pdf")]) == 0
+    said = capsys.readouterr().out
+    assert said.endswith(f"wrote {tmp_path / 'modes.pdf'}\n")
+    assert (tmp_path / "modes.pdf").read_bytes().startswith(b"%PDF")
+    headings = [axes.title for axes in kept[0].axes]
+    told = [line.partition(":")[0] for line in said.splitlines() if line.startswith("mode ")]
+    assert [heading.get_text() for heading in headings] == told
+    assert len(told) >= count
+    boxes = [heading.get_window_extent() for heading in headings]
+    assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+
+
+def test_drawn_modes_are_mirror_images(monkeypatch, tmp_path):
+    """Over arms of one height the RPDR's two modes mirror each other in the line through the elbows."""
+    kept = []
+    monkeypatch.setattr(plotting, "save", lambda figure, path: kept.append(figure))
+    assert main(["modes", "rpdr", "--q-deg", "-100", "-80", "--out", str(tmp_path / "modes.png")]) == 0
+    marked = [{line.get_marker(): line.get_xydata() for line in axes.lines} for axes in kept[0].axes]
+    (first, second), elbows = [each["D"][0] for each in marked], marked[0]["o"]
+    elbows = elbows[elbows[:, 1] < -0.1]
+    assert elbows[0, 1] == pytest.approx(elbows[1, 1])
+    assert first[0] == pytest.approx(second[0])
+    assert 0.5 * (first[1] + second[1]) == pytest.approx(elbows[0, 1])
+    assert abs(first[1] - second[1]) > 0.1
+
+
+def test_no_mode_is_not_drawn(capsys, tmp_path):
+    """Where none was found there is no file, and no word of one."""
+    path = tmp_path / "modes.png"
+    assert main(["modes", "rpdr", "--q-deg", "-150", "-30", "--limit", "20", "--out", str(path)]) == 0
+    assert "wrote" not in capsys.readouterr().out
+    assert not path.exists()
 
 
 def test_modes_shows_progress_and_keeps_to_its_budget(capsys, monkeypatch):
