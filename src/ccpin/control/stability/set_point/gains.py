@@ -145,8 +145,8 @@ def suggest_gains(
     Args:
         model: The reduced model, or a mechanism.
         q_d: The set point, of shape (n,).
-        domain: An atlas (β is bounded, to 5 % where 2000 cells beyond its own suffice); ``None``: the first cell that
-            `certify_set_point` would lay around q_d, somewhat smaller than the largest that can be proved (`reason`
+        domain: An atlas (β is bounded, to 5 % where 2000 cells beyond its own suffice); ``None``: a cell laid around
+            q_d as `certify_set_point` lays its first, somewhat smaller than the largest that can be proved (`reason`
             says how large it is); or a region (lower, upper) over which β is sampled. Where a domain ends near a
             singularity β is large or far from sharp: `reason` says so, and a smaller one is what helps.
         margin: K_p over β, above 1.
@@ -245,7 +245,7 @@ class _OneCell(NamedTuple):
 
 
 def _over_one_cell(law: PDSimpleGravity) -> _Steepness:
-    """What is proved of the first cell that `certify_law` lays around q_d, whatever ‖∂g/∂q‖ is on it."""
+    """What is proved of a cell laid around q_d as `certify_law` lays its first, but for any ‖∂g/∂q‖ on it."""
     require_certifiable(law)
     n, slope = law.model.n, float(np.linalg.norm(law.model.gravity_derivative(law.q_d, law.q_free_d), 2))
     if not slope > _NO_SLOPE:
