@@ -365,6 +365,19 @@ def test_without_slope_or_plain_coordinates_no_domain_suggests_itself(tmp_path):
         suggest_gains(model, model.alpha(model.mechanism.q_reference))
 
 
+@pytest.mark.parametrize(("slope", "told"), [(0.95e-12, "give one"), (1.05e-12, "cells are laid")])
+def test_how_little_slope_is_none(monkeypatch, rpdr_model, slope, told):
+    """At the set point as over a domain: 1e-12."""
+
+    def laid(*_):
+        raise InvalidInputError("cells are laid")
+
+    monkeypatch.setattr(module, "cells_around", laid)
+    monkeypatch.setattr(type(rpdr_model), "gravity_derivative", lambda *_: slope * np.diag([1.0, 0.5]))
+    with pytest.raises(InvalidInputError, match=told):
+        suggest_gains(rpdr_model, GOAL)
+
+
 def test_limits_of_motors_either_way(over):
     """The smaller of what a motor can pull and push."""
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
