@@ -1,5 +1,6 @@
 """The command line: words and JSON, files written, errors with exit codes."""
 
+import itertools
 import json
 import subprocess
 import sys
@@ -8,10 +9,13 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin import plotting
 from ccpin.cli import main
 from ccpin.dynamics.assembly import _ModeFinder
 from tests.support.paper import MOVE_OPTIONS
 from tests.support.places import MODELS
+
+STROKES = ("--start", *["0"] * 6, "--goal", *["0.01"] * 6)
 
 
 def test_info_in_words(capsys):
@@ -69,6 +73,45 @@ def test_degrees_of_a_length_are_refused(capsys):
     assert "all angles" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("name", "count"), [("rpdr", 2), ("stewart", 8)])
+def test_modes_are_drawn(name, count, capsys, monkeypatch, tmp_path):
+    """A panel a mode, planar or in space, each with its number above; no heading covers another; a file and a line."""
+    kept, save = [], plotting.save
+    monkeypatch.setattr(plotting, "save", lambda figure, path: (kept.append(figure), save(figure, path)))
+    assert main(["modes", name, "--out", str(tmp_path / "modes.pdf")]) == 0
+    said = capsys.readouterr().out
+    assert said.endswith(f"wrote {tmp_path / 'modes.pdf'}\n")
+    assert (tmp_path / "modes.pdf").read_bytes().startswith(b"%PDF")
+    headings = [axes.title for axes in kept[0].axes]
+    told = [line.partition(":")[0] for line in said.splitlines() if line.startswith("mode ")]
+    assert [heading.get_text() for heading in headings] == told
+    assert len(told) >= count
+    boxes = [heading.get_window_extent() for heading in headings]
+    assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+
+
+def test_drawn_modes_are_mirror_images(monkeypatch, tmp_path):
+    """Over arms of one height the RPDR's two modes mirror each other in the line through the elbows."""
+    kept = []
+    monkeypatch.setattr(plotting, "save", lambda figure, path: kept.append(figure))
+    assert main(["modes", "rpdr", "--q-deg", "-100", "-80", "--out", str(tmp_path / "modes.png")]) == 0
+    marked = [{line.get_marker(): line.get_xydata() for line in axes.lines} for axes in kept[0].axes]
+    (first, second), elbows = [each["D"][0] for each in marked], marked[0]["o"]
+    elbows = elbows[elbows[:, 1] < -0.1]
+    assert elbows[0, 1] == pytest.approx(elbows[1, 1])
+    assert first[0] == pytest.approx(second[0])
+    assert 0.5 * (first[1] + second[1]) == pytest.approx(elbows[0, 1])
+    assert abs(first[1] - second[1]) > 0.1
+
+
+def test_no_mode_is_not_drawn(capsys, tmp_path):
+    """Where none was found there is no file, and no word of one."""
+    path = tmp_path / "modes.png"
+    assert main(["modes", "rpdr", "--q-deg", "-150", "-30", "--limit", "20", "--out", str(path)]) == 0
+    assert "wrote" not in capsys.readouterr().out
+    assert not path.exists()
+
+
 def test_modes_shows_progress_and_keeps_to_its_budget(capsys, monkeypatch):
     """A bar on a terminal, none with --json; a budget or a limit ends the search with what was found, which is said."""
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
@@ -120,6 +163,28 @@ def test_simulate_point_to_point(capsys, tmp_path):
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"motion.csv", "motion.npz", "metrics.json", "motion.png", "configurations.png", "animation.html"}
     assert ccpin.Trajectory.load(tmp_path / "motion.npz").closure_error.max() <= 1e-10
+
+
+@pytest.mark.parametrize(
+    ("arguments", "goal", "scale", "unit", "band"),
+    [
+        (["rpdr", *MOVE_OPTIONS, "--duration", "0.4"], np.radians([-90.0, -100.0]), np.degrees(1.0), "°", 2.0),
+        (["rpdr", *MOVE_OPTIONS, "--duration", "0.1"], np.radians([-90.0, -100.0]), np.degrees(1.0), "°", 2.0),
+        (["stewart", *STROKES, "--duration", "0.05", "--band-deg", "0.1"], np.full(6, 0.01), 1e3, " mm", 1.75),
+    ],
+)
+def test_simulate_tells_how_far_off_it_ends(arguments, goal, scale, unit, band, capsys, tmp_path):
+    """|q_d − q| of the last sample in degrees or millimetres beside the band, and in SI units in the JSON."""
+    assert main(["simulate", *arguments, "--out", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    off = np.abs(goal - ccpin.Trajectory.load(tmp_path / "motion.npz").q[-1])
+    numbers = [f"{scale * value:.2f}{unit}" for value in off]
+    assert f", {', '.join(numbers[:-1])} and {numbers[-1]} off at the end" in text
+    assert f"within ±{band:g}{unit}" in text
+    assert ("not within" in text) == bool(scale * off.max() > band)
+    move = json.loads((tmp_path / "metrics.json").read_text())["moves"][0]
+    np.testing.assert_allclose(move["steady_state_error"], off, atol=1e-15)
+    assert scale * move["band"] == pytest.approx(band, abs=0.005)
 
 
 def test_simulate_cycles(capsys):

@@ -151,9 +151,13 @@ def test_the_command(tmp_path, capsys):
     """A file and a line about it; JSON with the seconds of each part; an option that fails names itself."""
     page = tmp_path / "report.html"
     assert main(["report", "slider_crank", "-o", str(page), "--depth", "3", "--duration", "0.2"]) == 0
-    assert f"wrote {page}" in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert f"wrote {page}" in said.out
+    assert said.err == f"ccpin: writing {page} takes about ten seconds\n"
     assert main(["report", "slider_crank", "-o", str(page), "--depth", "3", "--duration", "0.2", "--json"]) == 0
-    assert set(json.loads(capsys.readouterr().out)["seconds"]) == set(PARTS)
+    said = capsys.readouterr()
+    assert set(json.loads(said.out)["seconds"]) == set(PARTS)
+    assert said.err == ""
     assert main(["report", "slider_crank", "-o", str(tmp_path)]) == 1
     assert "it is a folder" in capsys.readouterr().err
 

@@ -37,7 +37,8 @@ COMMANDS: dict[str, Command] = {
     "convert": Command("convert", "write the mechanism as URDF+, SDFormat, MJCF or a toolbox robot.yaml"),
     "report": Command(
         "report",
-        "one offline page about a mechanism: what it is, where it holds, modes, an experiment, its animation",
+        "one offline page about a mechanism: what it is, where it holds, modes, an experiment, its animation "
+        "(takes about ten seconds)",
     ),
     "paper": Command("paper", "every equation, figure and table of the paper beside ccpin's, as one offline page"),
     "doctor": Command(

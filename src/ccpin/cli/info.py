@@ -5,20 +5,25 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shtab
 
-from ccpin.cli.command import add_command, count, positive
+from ccpin.cli.command import add_command, complete, count, positive
 from ccpin.cli.notes import gathered
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
-from ccpin.cli.progress import progress_bar
+from ccpin.cli.progress import busy, progress_bar
 from ccpin.description.joint_kinds import JOINT_KINDS
-from ccpin.dynamics.assembly import INTERRUPTED, AssemblyModes, ModeSearch, assembly_modes
+from ccpin.dynamics.assembly import INTERRUPTED, AssemblyMode, AssemblyModes, ModeSearch, assembly_modes
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.native import backend
 
+_MODES = """\
+example: ccpin modes rpdr --q-deg -100 -80
+         ccpin modes rpdr --q-deg -100 -80 --out modes.png"""
 _BAR = "{l_bar}{bar}| {n_fmt} of {total_fmt} starts without news, {postfix}"
 
 
@@ -35,8 +40,7 @@ def _info(options: argparse.Namespace) -> None:
 
 def add_modes(commands: Any) -> None:
     """The command and its options."""
-    example = "example: ccpin modes rpdr --q-deg -100 -80"
-    parser = add_command(commands, "modes", example, _modes)
+    parser = add_command(commands, "modes", _MODES, _modes)
     add_mechanism(parser)
     add_vector(parser, "q", "independent coordinates (default: the reference's)")
     parser.add_argument("--budget", type=positive, metavar="S", help="stop after so many seconds (default: no limit)")
@@ -44,6 +48,8 @@ def add_modes(commands: Any) -> None:
         "--patience", type=count, default=60, metavar="N", help="end after N closed starts without news"
     )
     parser.add_argument("--limit", type=count, default=2000, metavar="N", help="stop after N starts (default 2000)")
+    written = "draw the modes, one panel each, as a picture (.png, .pdf, .svg)"
+    complete(parser.add_argument("--out", type=Path, metavar="FILE", help=written), shtab.FILE)
 
 
 def _modes(options: argparse.Namespace) -> int:
@@ -59,12 +65,30 @@ def _modes(options: argparse.Namespace) -> int:
             budget=options.budget,
             progress=progress,
         )
+    drawn = options.out is not None and bool(found.modes)
+    if drawn:
+        with busy(options.json, "drawing"):
+            _draw_modes(mechanism, found, options.out)
     if options.json:
         modes = [mode._asdict() | {"q_free": mode.q_free.tolist()} for mode in found.modes]
         print(json.dumps(found._asdict() | {"modes": modes}, indent=2))
     else:
-        print("\n".join(_modes_in_words(found, mechanism.tree.names)))
+        print("\n".join([*_modes_in_words(found, mechanism.tree.names), *([f"wrote {options.out}"] if drawn else [])]))
     return 130 if found.reason.startswith(INTERRUPTED) else 0
+
+
+def _draw_modes(mechanism: Mechanism, found: AssemblyModes, out: Path) -> None:
+    """Each mode in a panel of its own, with its number above it."""
+    from ccpin import plotting
+    from ccpin.plotting.motion import plot_configuration_panels
+
+    panels = [(f"mode {k}{_which(mode)}", [mode.q_free]) for k, mode in enumerate(found.modes, start=1)]
+    title = f"{mechanism.title}: assembly modes found over one q"
+    plotting.save(plot_configuration_panels(mechanism, panels, ["mode"], title), out)
+
+
+def _which(mode: AssemblyMode) -> str:
+    return (", the reference's" if mode.is_reference else "") + ("" if mode.within_limits else ", outside the limits")
 
 
 def _modes_in_words(found: AssemblyModes, joints: Sequence[str]) -> Iterator[str]:
@@ -78,10 +102,7 @@ def _modes_in_words(found: AssemblyModes, joints: Sequence[str]) -> Iterator[str
     if found.singular:
         yield f"{found.singular} starts ended at singular configurations, which belong to no mode"
     for k, mode in enumerate(found.modes, start=1):
-        which = (", the reference's" if mode.is_reference else "") + (
-            "" if mode.within_limits else ", outside the joint limits"
-        )
-        yield f"mode {k}{which}: sign det ψ_q′ = {mode.sign:+d}, 1/κ = {mode.rcond:.3g}, from {mode.hits} starts"
+        yield f"mode {k}{_which(mode)}: sign det ψ_q′ = {mode.sign:+d}, 1/κ = {mode.rcond:.3g}, from {mode.hits} starts"
         yield f"  q′ = {np.array2string(mode.q_free, precision=6, separator=', ')}"
 
 

@@ -1,4 +1,4 @@
-"""Progress on the terminal's stderr while a command computes; none where nobody watches."""
+"""Progress on stderr while a command computes: on a terminal, and elsewhere a line at most."""
 
 from __future__ import annotations
 
@@ -12,6 +12,12 @@ _PATIENCE = 1.0
 """Seconds after which somebody who waits wants to know what for."""
 _LOOK = 0.5
 """Seconds between two looks."""
+
+
+def announce(quiet: bool, what: str) -> None:
+    """A line at the start of long work for whoever sees no bar: where no terminal shows one, unless quiet."""
+    if not (quiet or sys.stderr.isatty()):
+        print(f"ccpin: {what}", file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager

@@ -11,7 +11,7 @@ from typing import Any
 
 from ccpin.cli.command import add_command
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
-from ccpin.cli.progress import progress_bar
+from ccpin.cli.progress import announce, progress_bar
 
 _BAR = "{l_bar}{bar}| {postfix}"
 
@@ -41,6 +41,7 @@ def _report(options: argparse.Namespace) -> int:
         done.append(part)
         return len(done) - 1.0, part
 
+    announce(options.json, f"writing {options.out} takes about ten seconds")
     command = shlex.join(["ccpin", *sys.argv[1:]]) if Path(sys.argv[0]).stem in ("ccpin", "__main__") else None
     with progress_bar(options.json, float(len(PARTS)), _BAR, tell) as progress:
         written = report.write(mechanism, options.out, settings, command=command, progress=progress)

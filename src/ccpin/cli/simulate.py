@@ -162,11 +162,11 @@ def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[
         f"largest closure error {trajectory.closure_error.max():.1e}",
     ]
     for k, metric in enumerate(result["moves"], start=1):
-        settled = metric["settling_time"]
+        settled, (band, off) = metric["settling_time"], _in_units(mechanism, metric)
         lines.append(
             f"move {k}: "
-            + ("not within the band at the end" if settled is None else f"within the band from {settled:.3f} s on")
-            + f", peak effort {np.round(metric['peak_torque'], 3).tolist()}"
+            + (f"not within ±{band}" if settled is None else f"within ±{band} from {settled:.3f} s on")
+            + f", {off} off at the end, peak effort {np.round(metric['peak_torque'], 3).tolist()}"
         )
     cut = ", ".join(f"{name} for {share:.0%}" for name, share in _at_limits(mechanism, trajectory).items())
     lines += [f"efforts at their limits: {cut} of the samples (--effort-limits ignore leaves them out)"] if cut else []
@@ -179,6 +179,16 @@ def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[
         pictures = "figures, data and animation" if trajectory.status != "interrupted" else "what was computed is"
         lines.append(f"{pictures} in {out}/")
     return "\n".join(lines)
+
+
+def _in_units(mechanism: Mechanism, metric: dict[str, Any]) -> tuple[str, str]:
+    """A move's band, and how far off each coordinate is at its end: angles in degrees, lengths in millimetres."""
+    slides = [slide for part in mechanism.parametrization().coordinates.parts for slide in part.slides]
+    units = [(1e3, " mm") if slide else (np.degrees(1.0), "°") for slide in slides]
+    bands = [f"{scale * metric['band']:.3g}{unit}" for scale, unit in dict.fromkeys(units)]
+    errors = zip(metric["steady_state_error"], units, strict=True)
+    off = [f"{scale * error:.2f}{unit}" for error, (scale, unit) in errors]
+    return " or ".join(bands), " and ".join(filter(None, [", ".join(off[:-1]), *off[-1:]]))
 
 
 def _at_limits(mechanism: Mechanism, trajectory: Trajectory) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import inspect
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
@@ -127,6 +128,28 @@ def q_of(state: State | Measurement) -> Array:
     return state.q
 
 
+def require_called_as(call: str, function: Callable[..., object]) -> None:
+    """Check that what a law is can be called with three arguments, as far as its signature is known.
+
+    Args:
+        call: How it is called, as in ``law(t, q, v)``.
+        function: It.
+
+    Raises:
+        InvalidInputError: It takes fewer or more, or cannot be called at all.
+    """
+    if not callable(function):
+        raise InvalidInputError(f"a law is called as {call}; {type(function).__name__} cannot be called")
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # compiled code need not have one
+        return
+    try:
+        signature.bind(0.0, None, None)
+    except TypeError as error:
+        raise InvalidInputError(f"a law is called as {call}, which this one does not take: {error}") from error
+
+
 class HeldEffort(ControlLaw):
     """A constant u.
 
@@ -167,7 +190,7 @@ class TorqueFunction(ControlLaw):
         switching_times: The times at which u jumps or kinks, s; none at all where it never does. ``None``: not known.
 
     Raises:
-        InvalidInputError: Times that are not finite numbers.
+        InvalidInputError: It is no function of three arguments, or times that are not finite numbers.
     """
 
     everywhere = True
@@ -175,6 +198,7 @@ class TorqueFunction(ControlLaw):
     def __init__(
         self, function: Callable[[float, Array, Array], ArrayLike], switching_times: Sequence[float] | None = None
     ) -> None:
+        require_called_as("law(t, q, v)", function)
         self._function = function
         self._times = None if switching_times is None else np.sort(np.asarray(switching_times, dtype=np.float64))
         if self._times is not None and not (self._times.ndim == 1 and np.isfinite(self._times).all()):

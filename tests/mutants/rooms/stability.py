@@ -93,7 +93,7 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "control/stability/set_point/theorem3",
-        ("certify_law", "_forceful", "_check"),
+        ("certify_law", "_forceful", "require_certifiable"),
         ("control/stability/set_point/test_sharp_theorem3.py",),
     ),
     Room(
@@ -160,12 +160,15 @@ ROOMS: tuple[Room, ...] = (
         (
             "_ABOVE",
             "_ACCURACY",
+            "_NO_SLOPE",
             "local_gains",
             "_damped",
             "suggest_gains",
             "_Steepness.effort",
             "_over_samples",
             "_over_atlas",
+            "_over_one_cell",
+            "_over_cells",
             "_proved",
             "_norm_over",
             "_what_limits",

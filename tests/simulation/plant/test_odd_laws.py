@@ -13,7 +13,7 @@ import pytest
 import ccpin
 from ccpin import control
 from ccpin.control import Reference, Sampling
-from ccpin.errors import CcpinError
+from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.simulation import Event, Push
 from ccpin.simulation.plant.disturbances import Disturbance
 
@@ -198,3 +198,61 @@ def test_a_reference_that_writes_into_what_it_gave(rpdr_model):
         motions.append(ccpin.simulate(rpdr_model, law, START, **OPTIONS))
     np.testing.assert_allclose(motions[0].q, motions[1].q, rtol=0, atol=1e-9)
     np.testing.assert_allclose(motions[0].u, motions[1].u, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "function", [lambda t, q: q, lambda t, q, v, more: q, lambda: 0.0, lambda t, q, v, *, gain: q, 3.0]
+)
+def test_a_function_of_other_arguments(function):
+    """Told when the law is made, by how a law is called."""
+    with pytest.raises(InvalidInputError, match=r"a law is called as law\(t, q, v\)"):
+        control.TorqueFunction(function)
+
+
+@pytest.mark.parametrize("function", [honest, Odd(0), lambda *all_three: np.zeros(2), lambda t, q, v, gain=1.0: q, max])
+def test_a_function_that_takes_three(function):
+    """By name, as a method, as many as there are, with defaults, or compiled without a signature."""
+    assert isinstance(control.TorqueFunction(function), control.ControlLaw)
+
+
+def test_a_law_whose_torque_takes_others(rpdr_model):
+    """A subclass likewise, by the method's arguments."""
+
+    class Short(control.ControlLaw):
+        def torque(self, t, state):
+            return np.zeros(2)
+
+    with pytest.raises(InvalidInputError, match=r"a law is called as torque\(t, state, v\)"):
+        ccpin.simulate(rpdr_model, Short(), START, **OPTIONS)
+
+
+@pytest.mark.parametrize("sampling", [None, Sampling(1e-3)])
+@pytest.mark.parametrize(
+    "read", [lambda q: q - GOAL, lambda q: GOAL - q, lambda q: 2.0 * q, lambda q: np.sin(q), lambda q: [q[0], q[1]]]
+)
+def test_a_state_taken_for_an_array(rpdr_model, sampling, read):
+    """What it is given and where q is, with Python's own words and the error itself as the cause."""
+
+    class Taken(control.ControlLaw):
+        def torque(self, t, q, v):
+            return read(q)
+
+    with pytest.raises(
+        InvalidInputError, match=r"Taken: torque\(t, state, v\) is given a State: state\.q is q"
+    ) as told:
+        ccpin.simulate(rpdr_model, Taken(), START, sampling=sampling, **OPTIONS)
+    assert isinstance(told.value.__cause__, TypeError)
+    assert str(told.value.__cause__) in str(told.value)
+
+
+@pytest.mark.parametrize("words", ["unsupported operand type(s) for -: 'str' and 'float'", "State is no state of mine"])
+def test_a_type_error_of_the_laws_own_is_its_own(rpdr_model, words):
+    """Whatever is not about what the law was given comes out as it is."""
+
+    class Broken(control.ControlLaw):
+        def torque(self, t, state, v):
+            raise TypeError(words)
+
+    with pytest.raises(TypeError) as told:
+        ccpin.simulate(rpdr_model, Broken(), START, **OPTIONS)
+    assert str(told.value) == words

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin import control
 from ccpin.control import PDSimpleGravity
+from ccpin.errors import InvalidInputError
 from ccpin.simulation import Limits, closure_forces, demands, exceeded, joint_forces
 from tests.support.carriage import carriage
 from tests.support.paper import GOAL, K_P, K_V
@@ -21,6 +23,20 @@ def test_demands_of_a_swing():
     assert found.work[0] == pytest.approx(0.0, abs=1e-6)
     assert found.drive_work[0] == pytest.approx(0.5 / np.pi**2, rel=1e-4)  # all of ½v² at the half
     assert found.braking_work[0] == pytest.approx(-0.5 / np.pi**2, rel=1e-4)
+
+
+def test_demands_of_a_reference_are_those_of_its_tracking():
+    """The message's own call, from 0 to 1 m in 2 s with 1 kg: |u| ≤ 10/(√3 T²), speed ≤ 15/8T, drive work ½v²."""
+    model = ccpin.ReducedModel(carriage())
+    reference, K_p, K_v = control.PointToPoint(model, [0.0], [1.0], 2.0), [100.0], [20.0]
+    with pytest.raises(InvalidInputError, match="trajectory is a reference") as told:
+        demands(model, reference)
+    start, call = reference.at(0.0), str(told.value).partition("reference.at(0.0): ")[2]
+    names = {"ccpin": ccpin, "control": control, "model": model, "reference": reference, "start": start}
+    found = demands(model, eval(call, names | {"K_p": K_p, "K_v": K_v}))
+    assert found.peak_effort[0] == pytest.approx(10.0 / (np.sqrt(3.0) * 4.0), rel=1e-4)
+    assert found.peak_speed[0] == pytest.approx(15.0 / 16.0, rel=1e-4)
+    assert found.drive_work[0] == pytest.approx(0.5 * (15.0 / 16.0) ** 2, rel=1e-3)
 
 
 def test_work_is_the_energy_gained():

@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, numbers
-from ccpin.control.control_law import ControlLaw, Measurement, NoTorque, TorqueFunction
+from ccpin.control.control_law import ControlLaw, Measurement, NoTorque, TorqueFunction, require_called_as
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
 
 LawLike = ControlLaw | Callable[[float, Array, Array], ArrayLike] | None
+_AS_NUMBERS = re.compile(r"'(State|Measurement)'|of type (State|Measurement)\b")  # Python's words, and NumPy's
 
 
 def law_of(model: ReducedModel, law: LawLike) -> ControlLaw:
     """A law itself, a function (t, q, v) → u as one, or no torque.
 
     Raises:
-        InvalidInputError: It is none of these.
+        InvalidInputError: It is none of these, or does not take three arguments.
     """
     if law is None:
         return NoTorque(model)
     if isinstance(law, ControlLaw):
+        require_called_as("torque(t, state, v)", law.torque)
         return law
     if callable(law):
         return TorqueFunction(law)
@@ -50,13 +53,25 @@ class CheckedLaw(ControlLaw):
         self._motors, self._size = model.mechanism.actuated, model.n_actuated
 
     def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
-        """The law's, if it is of the motors' number."""
+        """The law's, if it is of the motors' number.
+
+        Raises:
+            InvalidInputError: It is not, or the law took the State for an array.
+        """
         if isinstance(state, State) and state.model is not self._model:
             q, v, q_free = self._reported(state, v)
             state = Measurement(q, q_free)
         if isinstance(state, Measurement):
             state = state._replace(q=frozen(state.q))
-        return self._sized(self._law.torque(t, state, frozen(v)))
+        try:
+            u = self._law.torque(t, state, frozen(v))
+        except TypeError as error:
+            if not _AS_NUMBERS.search(str(error)):
+                raise
+            name, given = type(self._law).__name__, type(state).__name__
+            told = f"torque(t, state, v) is given a {given}: state.q is q ({type(error).__name__}: {error})"
+            raise InvalidInputError(f"{name}: {told}") from error
+        return self._sized(u)
 
     def next_switch(self, t: float) -> float | None:
         """The law's."""

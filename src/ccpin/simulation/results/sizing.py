@@ -8,11 +8,19 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from ccpin.arrays import Array, instance
+from ccpin.control.references import Reference
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.wrenches import Pushes, Wrenches
+from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.results.forces import PeakForce, closure_forces, joint_forces
 from ccpin.simulation.results.trajectory import Trajectory
+
+_SIMULATED = (
+    "trajectory is a reference, which states neither assembly mode nor friction: give the motion that tracks it, from "
+    "start = reference.at(0.0): ccpin.simulate(model, control.ComputedTorque(model, reference, K_p, K_v), start.q, "
+    "start.v, duration=reference.duration)"
+)
 
 
 class Sizing(NamedTuple):
@@ -62,8 +70,12 @@ def demands(
         bearings: Whether to compute the bearings' loads, which costs most.
 
     Raises:
+        InvalidInputError: It is no trajectory. A reference states neither assembly mode nor friction: simulate its
+            tracking first (the message says how).
         DifferentSubjectsError: The trajectory is not this model's.
     """
+    if isinstance(trajectory, Reference):
+        raise InvalidInputError(_SIMULATED)
     instance(trajectory, "trajectory", Trajectory)
     model = trajectory.of("demands on motors and bearings", model, "closures", "dynamics")
     t, u = trajectory.t, trajectory.u

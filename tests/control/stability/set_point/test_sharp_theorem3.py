@@ -173,7 +173,7 @@ def asked(monkeypatch):
     store = SimpleNamespace(proved=told.proved, reading="reading")
     monkeypatch.setattr(module, "Flood", Told)
     monkeypatch.setattr(module, "Atlas", Atlas)
-    monkeypatch.setattr(module, "_check", lambda law: None)
+    monkeypatch.setattr(module, "require_certifiable", lambda law: None)
     monkeypatch.setattr(module, "require_about", lambda *_: None)
     monkeypatch.setattr(module, "cells_around", lambda *_: store)
     monkeypatch.setattr(module, "cells_of_atlas", lambda *_: store)
@@ -282,9 +282,9 @@ def test_what_the_theorem_is_about(monkeypatch):
     """PD with constant gravity, plain coordinates; motors of one freedom, where they are elsewhere."""
     monkeypatch.setattr(module, "kind_of", lambda one: one.kind)
     for fine in (law(), law(plural=True), law(elsewhere=True)):
-        module._check(fine)
+        module.require_certifiable(fine)
     with pytest.raises(InvalidInputError):
-        module._check(law("pd_gravity"))
+        module.require_certifiable(law("pd_gravity"))
     for wrong in (law(plural=True, elsewhere=True), law(scalar=False), law(constant=False)):
         with pytest.raises(UnsupportedMechanismError):
-            module._check(wrong)
+            module.require_certifiable(wrong)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control import PDSimpleGravity, local_gains, suggest_gains
+from ccpin.control import PDSimpleGravity, certify_set_point, local_gains, suggest_gains
 from ccpin.control.stability.set_point import gains as module
 from ccpin.control.stability.set_point.gains import (
     Gains,
@@ -19,9 +19,11 @@ from ccpin.control.stability.set_point.gains import (
 from ccpin.control.stability.set_point.set_point_cells import SlopeBounded
 from ccpin.control.stability.set_point.set_point_reading import set_point_of
 from ccpin.control.stability.set_point.well import SetPoint, Well, _efforts, wells
-from ccpin.errors import InvalidInputError, UnattainableGainsError
+from ccpin.errors import InvalidInputError, UnattainableGainsError, UnsupportedMechanismError
 from ccpin.proof.facts import NotProvedError
+from tests.support.carriage import carriage
 from tests.support.paper import GOAL, K_P, K_V
+from tests.support.places import MODELS
 
 
 def well(hessian, gradient=(0.0, 0.0), remainder=0.0, value=2.0, centre=(1.0, -1.0)):
@@ -316,6 +318,64 @@ def test_gains_over_a_region_are_sampled(monkeypatch, rpdr_model):
     for bad in ({"margin": 1.0}, {"damping": 0.0}, {"fastest": 0.0}):
         with pytest.raises(InvalidInputError):
             suggest_gains(rpdr_model, GOAL, (GOAL - 0.2, GOAL + 0.3), **bad)
+
+
+def test_gains_without_a_domain(rpdr_model):
+    """β holds, to 5 %, on the cell that is told, and efforts are those from its farthest corner."""
+    found = suggest_gains(rpdr_model, GOAL)
+    lower, upper = found.proved.claim.over_lower[0], found.proved.claim.over_upper[0]
+    half = 0.5 * (upper - lower)
+    assert found.verdict == "proven"
+    np.testing.assert_allclose(0.5 * (lower + upper), GOAL, atol=1e-12)
+    assert f"over q_d ± ({half[0]:.3g}, {half[1]:.3g}): K_p is limited by" in found.reason
+    assert half.min() > 0.1
+    grid = [GOAL + half * np.array([x, y]) for x in np.linspace(-1, 1, 9) for y in np.linspace(-1, 1, 9)]
+    steepest = max(np.linalg.norm(rpdr_model.gravity_derivative(q, rpdr_model.sigma(q)), 2) for q in grid)
+    assert steepest <= found.beta <= 1.06 * steepest
+    np.testing.assert_allclose(found.K_p, 1.5 * found.beta * np.eye(2))
+    gravity = rpdr_model.at(GOAL).g
+    np.testing.assert_allclose(found.effort, 1.5 * found.beta * half + np.abs(gravity), rtol=1e-9)
+    proof = certify_set_point(rpdr_model, GOAL, found.K_p, found.K_v, budget=50)
+    assert proof.verdict == "proven"
+
+
+def test_the_cell_without_a_domain_is_that_of_a_lattice(monkeypatch, rpdr_model):
+    """`certify_law`'s own helper: more cells may follow, any slope will do, edges as K_p = 1.5 ‖∂g/∂q‖ I has them."""
+    asked, around = [], module.cells_around
+    monkeypatch.setattr(module, "cells_around", lambda *given: asked.append(given) or around(*given))
+    found = suggest_gains(rpdr_model, GOAL)
+    ((law, gain, limits),) = asked
+    slope = np.linalg.norm(rpdr_model.gravity_derivative(GOAL), 2)
+    np.testing.assert_allclose(law.K_p, 1.5 * slope * np.eye(2), rtol=1e-12)
+    assert (gain, limits.cells > 1) == (np.inf, True)
+    np.testing.assert_array_equal(law.q_d, GOAL)
+    box = found.proved.claim
+    store = around(law, gain, limits)
+    np.testing.assert_allclose([box.over_lower[0], box.over_upper[0]], [store[0].lower, store[0].upper])
+
+
+def test_without_slope_or_plain_coordinates_no_domain_suggests_itself(tmp_path):
+    """A level carriage has no gravity in its way; a crank that turns on a circle has a q̃ that jumps."""
+    with pytest.raises(InvalidInputError, match=r"no slope at q_d.*give one"):
+        suggest_gains(carriage(), [0.0])
+    text = (MODELS / "four_bar.urdf").read_text(encoding="utf-8").replace('type="revolute"', 'type="continuous"')
+    (tmp_path / "round.urdf").write_text(text, encoding="utf-8")
+    model = ccpin.ReducedModel(ccpin.load(tmp_path / "round.urdf"))
+    with pytest.raises(UnsupportedMechanismError, match="revolute and prismatic"):
+        suggest_gains(model, model.alpha(model.mechanism.q_reference))
+
+
+@pytest.mark.parametrize(("slope", "told"), [(0.95e-12, "give one"), (1.05e-12, "cells are laid")])
+def test_how_little_slope_is_none(monkeypatch, rpdr_model, slope, told):
+    """At the set point as over a domain: 1e-12."""
+
+    def laid(*_):
+        raise InvalidInputError("cells are laid")
+
+    monkeypatch.setattr(module, "cells_around", laid)
+    monkeypatch.setattr(type(rpdr_model), "gravity_derivative", lambda *_: slope * np.diag([1.0, 0.5]))
+    with pytest.raises(InvalidInputError, match=told):
+        suggest_gains(rpdr_model, GOAL)
 
 
 def test_limits_of_motors_either_way(over):

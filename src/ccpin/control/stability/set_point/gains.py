@@ -27,10 +27,12 @@ from ccpin.arrays import Array, number, positive
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.cell_facts import proved_of_cells
 from ccpin.control.stability.set_point.certified_cells import CellStore, aligned
+from ccpin.control.stability.set_point.flood import FloodLimits
 from ccpin.control.stability.set_point.sampled_region import checked_region, sample_region
 from ccpin.control.stability.set_point.set_point_cells import SlopeBounded
 from ccpin.control.stability.set_point.set_point_reading import equations_of
-from ccpin.control.stability.set_point.starting_cells import cells_of_atlas
+from ccpin.control.stability.set_point.starting_cells import cells_around, cells_of_atlas
+from ccpin.control.stability.set_point.theorem3 import require_certifiable
 from ccpin.covering.region import Corners
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.closures.packing import require_about
@@ -41,6 +43,7 @@ from ccpin.proof.facts import Fact, NotProvedError, is_fact
 from ccpin.proof.verdict import Verdict
 
 _ABOVE = 1.5  # of ‖∂g/∂q‖₂ at the set point: above 1, K_p + ∂g/∂q is positive definite there
+_NO_SLOPE = 1e-12  # N m/rad or N/m: gravity does not act
 _CELLS = 2000  # proved by default, after which the bound is taken as it is: more sharpen it
 _ACCURACY = 0.05  # of a bound: near enough to what a cell's centre shows
 _TORN = "on the atlas V is no function: boxes meet only with a turn of a joint that has a spring; pass a smaller one"
@@ -130,7 +133,7 @@ def _damped(mass: Array, stiffness: Array, damping: float) -> tuple[Array, Array
 def suggest_gains(
     model: ReducedModel | Mechanism,
     q_d: ArrayLike,
-    domain: Atlas | Corners,
+    domain: Atlas | Corners | None = None,
     *,
     margin: float = 1.5,
     damping: float = 0.7,
@@ -142,9 +145,10 @@ def suggest_gains(
     Args:
         model: The reduced model, or a mechanism.
         q_d: The set point, of shape (n,).
-        domain: An atlas (β is bounded, to 5 % where 2000 cells beyond its own suffice), or a region (lower, upper) over
-            which β is sampled. Where an atlas ends near a singularity β is large or far from sharp: `reason` says so,
-            and a smaller domain is what helps.
+        domain: An atlas (β is bounded, to 5 % where 2000 cells beyond its own suffice); ``None``: a cell laid around
+            q_d as `certify_set_point` lays its first, somewhat smaller than the largest that can be proved (`reason`
+            says how large it is); or a region (lower, upper) over which β is sampled. Where a domain ends near a
+            singularity β is large or far from sharp: `reason` says so, and a smaller one is what helps.
         margin: K_p over β, above 1.
         damping: ζ of every mode, above 0.
         fastest: The largest ω of the loop's modes that there may be, rad/s.
@@ -156,14 +160,18 @@ def suggest_gains(
             or make a mode faster than `fastest`; it has the gains, and says what limits them.
         InvalidInputError: A bad margin, damping or `fastest`, q_d outside of the domain, or gravity does not act there
             (β = 0).
+        UnsupportedMechanismError, SingularConfigurationError: Without a domain: as for `certify_law`.
         UnreachableError: σ does not exist on all of a region.
     """
     number(margin, "margin", "a number above 1", 1.0), positive(damping, "damping"), positive(fastest, "fastest")
     model = model_of(model)
     ones = np.ones(model.n)
     law = PDSimpleGravity(model, q_d, ones, ones, near)
-    over = _over_atlas(law, domain) if isinstance(domain, Atlas) else _over_samples(law, domain)
-    if not over.slope.bound > 1e-12:
+    if domain is None:
+        over = _over_one_cell(law)
+    else:
+        over = _over_atlas(law, domain) if isinstance(domain, Atlas) else _over_samples(law, domain)
+    if not over.slope.bound > _NO_SLOPE:
         raise InvalidInputError("gravity has no slope on the domain (β = 0): any positive K_p satisfies Theorem 3")
     stiffness = margin * over.slope.bound * np.eye(model.n)
     mass = model.terms(law.q_d, np.zeros(model.n), law.q_free_d).D
@@ -226,21 +234,46 @@ def _over_samples(law: PDSimpleGravity, region: Corners) -> _Steepness:
 def _over_atlas(law: PDSimpleGravity, atlas: Atlas) -> _Steepness:
     """What is proved of an atlas's cells."""
     require_about("gains over an atlas", atlas, law.model)
-    store = cells_of_atlas(law, atlas)
+    return _over_cells(law, cells_of_atlas(law, atlas), atlas)
+
+
+class _OneCell(NamedTuple):
+    """A domain of one cell: its corners, of shape (1, n)."""
+
+    lower: Array
+    upper: Array
+
+
+def _over_one_cell(law: PDSimpleGravity) -> _Steepness:
+    """What is proved of a cell laid around q_d as `certify_law` lays its first, but for any ‖∂g/∂q‖ on it."""
+    require_certifiable(law)
+    n, slope = law.model.n, float(np.linalg.norm(law.model.gravity_derivative(law.q_d, law.q_free_d), 2))
+    if not slope > _NO_SLOPE:
+        raise InvalidInputError("gravity has no slope at q_d, so no domain suggests itself: give one")
+    trial = PDSimpleGravity(law.model, law.q_d, np.full(n, _ABOVE * slope), np.ones(n), law.q_free_d)
+    store = cells_around(trial, np.inf, FloodLimits(0, _CELLS))
+    cell = _OneCell(store[0].lower[None], store[0].upper[None])
+    over = _over_cells(trial, store, cell)
+    half = ", ".join(f"{value:.3g}" for value in 0.5 * (cell.upper - cell.lower)[0])
+    return over._replace(limited=f"over q_d ± ({half}): {over.limited}")
+
+
+def _over_cells(law: PDSimpleGravity, store: CellStore, domain: Atlas | _OneCell) -> _Steepness:
+    """What is proved of all cells of a domain."""
     slope, proved, doubt = gravity_slope_over(store), None, [] if store.whole else [_TORN]
     try:
-        proved = _proved(law, store, atlas, slope.cells)
+        proved = _proved(law, store, domain, slope.cells)
         slope = slope._replace(bound=float(proved.found["beta"][0]))
     except NotProvedError as error:
         doubt.append(f"that was found, and did not hold when it was to be proved: {error}")
     return _Steepness(
-        slope, _what_limits(slope), atlas.lower.min(axis=0), atlas.upper.max(axis=0), proved, tuple(doubt)
+        slope, _what_limits(slope), domain.lower.min(axis=0), domain.upper.max(axis=0), proved, tuple(doubt)
     )
 
 
-def _proved(law: PDSimpleGravity, store: CellStore, atlas: Atlas, cells: tuple[int, ...]) -> Fact:
-    """The fact about an atlas's cells, by those that were proved for it."""
-    equations, over = equations_of(law, store.reading), aligned(atlas.lower, atlas.upper)
+def _proved(law: PDSimpleGravity, store: CellStore, domain: Atlas | _OneCell, cells: tuple[int, ...]) -> Fact:
+    """The fact about a domain's cells, by those that were proved for it."""
+    equations, over = equations_of(law, store.reading), aligned(domain.lower, domain.upper)
     return proved_of_cells(SlopeBounded, equations, store, cells, *over)
 
 
@@ -267,7 +300,7 @@ def _what_limits(slope: SlopeBound) -> str:
     if slope.bound <= 2.0 * slope.seen:
         return f"K_p is limited by ‖∂g/∂q‖ ≤ {slope.bound:.4g} {_place(slope)}"
     return (
-        f"sup ‖∂g/∂q‖ is between {slope.seen:.4g} and {slope.bound:.4g} ({slope.proved} cells proved): the atlas ends "
+        f"sup ‖∂g/∂q‖ is between {slope.seen:.4g} and {slope.bound:.4g} ({slope.proved} cells proved): the domain ends "
         f"near a singularity {_place(slope)}, where it grows without bound; pass a smaller one"
     )
 

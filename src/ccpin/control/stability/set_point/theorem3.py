@@ -99,7 +99,7 @@ def certify_law(
             closures that cannot be certified (a plain region works for these).
         UnreachableError, SingularConfigurationError: σ does not exist on all of a plain region.
     """
-    _check(law)
+    require_certifiable(law)
     if isinstance(domain, Atlas):
         require_about("a certified set point", domain, law.model)
     own = len(domain.boxes.kappa) if isinstance(domain, Atlas) else 0
@@ -184,7 +184,13 @@ def _sampled(law: PDSimpleGravity, region: Corners, gain: float, least: float, n
     )
 
 
-def _check(law: PDSimpleGravity) -> None:
+def require_certifiable(law: PDSimpleGravity) -> None:
+    """Check that Theorem 3 speaks of a law, as far as its kind, coordinates and motors go.
+
+    Raises:
+        InvalidInputError: Another law than PD with simple gravity compensation.
+        UnsupportedMechanismError: Coordinates that are not plain numbers, or motors on joints of several freedoms.
+    """
     if kind_of(law) != "pd":
         raise InvalidInputError("Theorem 3 is about PD with simple gravity compensation: pass a PDSimpleGravity law")
     mechanism, coordinates = law.model.mechanism, law.model.coordinates
