@@ -27,7 +27,8 @@ FAINT = """(least => {
   const behind = e => { const layers = [];
     for (let at = e; at; at = at.parentElement) {
       if (at.id === 'stage') {                                                      // the darkest of its gradient
-        layers.push(parse(getComputedStyle(document.getElementById('pane')).backgroundImage.match(/rgb[^)]*\\)/g).at(-1))); break; }
+        const sky = getComputedStyle(document.getElementById('pane')).backgroundImage;
+        layers.push(parse(sky.match(/rgb[^)]*\\)/g).at(-1))); break; }
       layers.push(parse(getComputedStyle(at).backgroundColor)); }
     return layers.reverse().reduce((under, layer) => over(layer, under), parse('rgb(255, 255, 255)')); };
   const faint = [];
