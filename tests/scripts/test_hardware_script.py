@@ -45,7 +45,7 @@ def test_cycles_with_the_bench(capsys):
     assert (
         main(["simulate", *MOVE, *FRICTION, *SAMPLED, *MOTORS, "--cycles", "1", "--wait", "0.1", "--rtol", "1e-7"]) == 0
     )
-    assert "move 2: within the band" in capsys.readouterr().out
+    assert "move 2: within ±2°" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

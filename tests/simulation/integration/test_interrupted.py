@@ -82,5 +82,5 @@ def test_cycles_on_the_command_line_keep_what_was_computed(monkeypatch, capsys):
     assert main([*arguments, "--wait", "0.1"]) == 130
     said = capsys.readouterr().out
     assert "interrupted" in said
-    assert "move 3: within the band" in said
+    assert "move 3: within ±2°" in said
     assert "move 4" not in said

@@ -412,7 +412,7 @@ def test_what_a_search_finds_is_certified(monkeypatch):
     law = SimpleNamespace(model=SimpleNamespace(mechanism=None))
     made = tracking_error._certificate(law, "tube", given)
     assert (made.law, made.sigma_error, made.disturbance) == (law, 0.1, given.push)
-    assert (made.proved, made.reason, made._tube) == (("tube", given), "so, but", "tube")
+    assert (made.proved, made.told, made._tube) == (("tube", given), "so, but", "tube")
 
 
 def test_bounds_that_are_given():
