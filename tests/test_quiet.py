@@ -61,6 +61,7 @@ def told(folder, code, *arguments, flags=()):
     return run.stderr
 
 
+@pytest.mark.slow
 def test_the_first_picture_on_a_machine(tmp_path):
     """Simulating and drawing say nothing, deprecations in dependencies included, though fonts are looked for first."""
     flags = ("-W", "error", "-W", "ignore::ResourceWarning")

@@ -73,7 +73,7 @@ def test_degrees_of_a_length_are_refused(capsys):
     assert "all angles" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("name", "count"), [("rpdr", 2), ("stewart", 8)])
+@pytest.mark.parametrize(("name", "count"), [("rpdr", 2), pytest.param("stewart", 8, marks=pytest.mark.slow)])
 def test_modes_are_drawn(name, count, capsys, monkeypatch, tmp_path):
     """A panel a mode, planar or in space, each with its number above; no heading covers another; a file and a line."""
     kept, save = [], plotting.save

@@ -177,6 +177,7 @@ def test_the_exit_code_of_an_atlas_is_its_verdict(request_, verdict, code, tmp_p
     assert main(["domain", "rpdr", *CENTRE, "--json"]) == 0
 
 
+@pytest.mark.slow
 def test_the_exit_codes_of_curves_undecided_and_of_a_merge(tmp_path, capsys, monkeypatch):
     """Curves that may not be all there are, and what is merged of them, end with 3."""
     region = ["--lower-deg", "40", "100", "--upper-deg", "60", "130"]

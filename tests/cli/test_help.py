@@ -36,7 +36,10 @@ def test_a_help_fits_eighty_columns(name, monkeypatch):
 
 @pytest.mark.parametrize(
     "name",
-    ["new", "info", "check", "modes", "simulate", "domain", "merge", "verify", "view", "convert", "doctor", "examples"],
+    [
+        *("new", "info", "check", "modes", "simulate", "merge", "verify", "view", "convert", "doctor", "examples"),
+        pytest.param("domain", marks=pytest.mark.slow),
+    ],
 )
 def test_a_command_shows_examples_that_run(name, tmp_path, monkeypatch, capsys):
     """As printed, one after another, in an empty folder."""

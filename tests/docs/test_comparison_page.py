@@ -62,7 +62,10 @@ def test_the_swings_are_as_printed():
     assert min(first, key=first.__getitem__) == "ccpin"
 
 
-@pytest.mark.parametrize(("column", "make"), [(1, comparison.forearms_in_line), (2, comparison.bars_in_line)])
+@pytest.mark.parametrize(
+    ("column", "make"),
+    [pytest.param(1, comparison.forearms_in_line, marks=pytest.mark.slow), (2, comparison.bars_in_line)],
+)
 def test_the_answers_are_as_printed(column, make):
     """What everybody says of a singular configuration begins as the page has it."""
     shown = {row[0]: row[column] for row in TABLES[2][2:]}

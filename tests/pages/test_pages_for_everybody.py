@@ -134,6 +134,7 @@ def test_words_stand_out(address, kind, dress):
         assert (max(map(float, re.findall(r"[\d.]+", behind)[:3])) < 60) == (dress == "dark"), behind
 
 
+@pytest.mark.slow
 def test_who_wants_stillness_has_it(address):
     """Where the system asks for less motion nothing plays or flies by itself; the play button still plays."""
     with opened(address("a motion"), 900, 600) as page:
