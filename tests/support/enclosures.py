@@ -4,12 +4,24 @@ import numpy as np
 
 import ccpin
 from ccpin.validated.arithmetic.balls import ball
+from ccpin.validated.arithmetic.series import all_series
 from ccpin.validated.flow.marching import StepOptions
 from ccpin.validated.flow.motion_task import task_of
 from ccpin.validated.flow.start_claim import state_of
+from ccpin.validated.flow.step import WatchedField, attempt
 from tests.support.paper import GOAL, K_V, START
 
 FREE = [0, 2, 1, 3]  # the paper's (q1, q2, q3, q4) in ccpin's order (q1, q3, q2, q4)
+
+
+class MarchedField(WatchedField):
+    """Any field, to be marched: its steps are those of `attempt`, no facts."""
+
+    def series(self, start, order):
+        return all_series(self.program, start.centre, order)
+
+    def attempt(self, start, series, length, pieces):
+        return attempt(self, start, series, length, pieces)
 
 
 def paper_law(model, K_p=(11.0, 11.0)):

@@ -31,6 +31,11 @@ def not_known_of(subject: str) -> str:
     return f"what was found is not proved of {subject}, or was pickled and not replayed"
 
 
+def fields_of(record: Any) -> dict[str, Any]:
+    """A dataclass's fields by name, without what it keeps beside them."""
+    return {each.name: getattr(record, each.name) for each in fields(record)}
+
+
 class Judged:
     """What has a `verdict` and a `reason`, and shows itself by them."""
 
@@ -39,7 +44,7 @@ class Judged:
 
     def __getstate__(self: Any) -> dict[str, Any]:
         """The fields alone: what was known by facts is not known of what they are once they were pickled."""
-        return {each.name: getattr(self, each.name) for each in fields(self)}
+        return fields_of(self)
 
 
 class Witness(NamedTuple):

@@ -26,6 +26,7 @@ from ccpin.validated.flow.step import (
 )
 from ccpin.validated.sets.instants import instants_over
 from ccpin.validated.sets.propagation import marks_over
+from tests.support.enclosures import MarchedField
 
 J = np.array([[-1.0, 0.5], [-2.0, 0.25]])
 PLUS = np.array([[0.0, 0.5], [2.0, 0.25]])  # M⁺
@@ -150,7 +151,7 @@ def test_a_march_ends_when_it_is_to(duration, longest):
     if duration == 0.1:
         options = options._replace(shortest=2.0**-10)
     steps = list(
-        march(WatchedField(linear(0.1 * J), lambda box: 1.0), [ball(1.0), flint().arb(2.0, 1e-9)], duration, options)
+        march(MarchedField(linear(0.1 * J), lambda box: 1.0), [ball(1.0), flint().arb(2.0, 1e-9)], duration, options)
     )
     assert all(isinstance(step, ProvenStep) for step in steps)
     total = sum(Fraction(step.length) for step in steps)

@@ -17,14 +17,13 @@ from ccpin.validated.flow.regularity import regular  # noqa: E402
 from ccpin.validated.flow.start_search import closed_start  # noqa: E402
 from ccpin.validated.flow.step import (  # noqa: E402
     ProvenStep,
-    WatchedField,
     attempt,
     evaluate,
     start_box,
     start_of,
 )
 from ccpin.validated.model.closed_loop import recorded_loop  # noqa: E402
-from tests.support.enclosures import FREE, balls, numbers, started  # noqa: E402
+from tests.support.enclosures import FREE, MarchedField, balls, numbers, started  # noqa: E402
 from tests.support.paper import START  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("precise")
@@ -49,7 +48,7 @@ def test_equations_with_known_solutions(name):
     """Steps enclose closed-form solutions to 1e-18, and the first Taylor coefficient's gradient is right."""
     program, start, solution = known(name)
     options = StepOptions(order=25, tolerance=1e-20, pieces=4, shortest=2.0**-20, longest=1.0)
-    time, steps = 0.0, list(march(WatchedField(program, lambda box: 1.0), [ball(start)], 0.5, options))
+    time, steps = 0.0, list(march(MarchedField(program, lambda box: 1.0), [ball(start)], 0.5, options))
     for step in steps:
         assert isinstance(step, ProvenStep)
         for fraction in (0.3, 1.0):
@@ -71,7 +70,7 @@ def test_a_solution_that_escapes_is_not_followed_beyond_its_end():
     """x′ = x² from 1 blows up at t = 1: the march ends before, and says so."""
     program, start, _ = known("x²")
     options = StepOptions(order=20, tolerance=1e-15, pieces=4, shortest=2.0**-14, longest=1.0)
-    steps = list(march(WatchedField(program, lambda box: 1.0), [ball(start)], 2.0, options))
+    steps = list(march(MarchedField(program, lambda box: 1.0), [ball(start)], 2.0, options))
     assert not isinstance(steps[-1], ProvenStep)
     assert 0.9 < sum(step.length for step in steps[:-1]) < 1.0
 

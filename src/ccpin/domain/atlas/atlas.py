@@ -18,7 +18,7 @@ configuration at all (`emptying`). Limits of dependent joints are not looked at.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ from ccpin.proof.facts import Fact, NotProvedError, is_fact
 from ccpin.proof.newton import Boxes, check, solve_in_boxes
 from ccpin.proof.requirements import meets
 from ccpin.proof.solutions import SolutionsInBoxes, boxes_of
-from ccpin.proof.verdict import Verdict, Witness, not_known_of, of_file
+from ccpin.proof.verdict import Verdict, Witness, fields_of, not_known_of, of_file
 
 _WITNESSES = 12  # cells from which one is looked for
 _FAILURES = {
@@ -97,7 +97,7 @@ class Atlas:
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields, and what was proved of faces as it is told: facts do not cross a pickle."""
-        return {each.name: getattr(self, each.name) for each in fields(self)} | {"told": self.unglued}
+        return fields_of(self) | {"told": self.unglued}
 
     @property
     def _known(self) -> ProvedCover | None:

@@ -40,7 +40,7 @@ class Stuck(NamedTuple):
 
 
 class SteppedField(Protocol):
-    """What is integrated, and who proves its steps: `WatchedField`, or of a closed loop `ProvedSteps`."""
+    """What is integrated, and who proves its steps: of a closed loop `ProvedSteps`."""
 
     @property
     def program(self) -> Program:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,10 +16,17 @@ from ccpin.validated.loop_equations import ClosedLoopEquations
 
 
 class ProvedSteps(NamedTuple):
-    """Steps of a closed loop, proved in so many bits (a `SteppedField`)."""
+    """Steps of a closed loop, proved in so many bits (a `SteppedField`).
+
+    Attributes:
+        loop: The loop.
+        precision: In bits.
+        missing: What else is not proven of a step, in words.
+    """
 
     loop: ClosedLoopEquations
     precision: int
+    missing: Callable[[ProvenStep], str] = lambda _: ""
 
     @property
     def program(self) -> Program:
@@ -39,9 +46,10 @@ class ProvedSteps(NamedTuple):
         numbers = (np.array([number]) for number in (len(series[0]) - 1, pieces, self.precision))
         claim = StepEnclosed(self.loop, *self._box(start), np.array([length]), *numbers)
         try:
-            return step_of(prove(claim))
+            step = step_of(prove(claim))
         except NotProvedError as refused:
             return str(refused)
+        return self.missing(step) or step
 
     def _box(self, start: Start) -> ExactBox:
         return exact_box(*start, self.precision)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from ccpin.proof.facts import Fact
 from ccpin.validated.arithmetic.balls import Ball, around, ball, finite, flint, magnitude, upper
 from ccpin.validated.arithmetic.programs import Program
-from ccpin.validated.arithmetic.series import NotInvertibleError, all_series, gradients
+from ccpin.validated.arithmetic.series import NotInvertibleError, gradients
 from ccpin.validated.flow.defect import defect_along
 
 _BOX_PRECISION = 64  # bits; enough for boxes as wide as a step
@@ -69,18 +69,6 @@ class WatchedField(NamedTuple):
     program: Program
     quantity: Quantity
     missing: Callable[[Sequence[Ball]], str] = lambda _: ""
-
-    def series(self, start: Start, order: int) -> Sequence[Any]:
-        """Every value's Taylor coefficients from a start's centre.
-
-        Raises:
-            NotInvertibleError: A matrix that f inverts may be singular there.
-        """
-        return all_series(self.program, start.centre, order)
-
-    def attempt(self, start: Start, series: Sequence[Any], length: float, pieces: int) -> ProvenStep | str:
-        """`attempt`."""
-        return attempt(self, start, series, length, pieces)
 
 
 class _RefusedError(Exception):

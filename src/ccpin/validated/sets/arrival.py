@@ -6,7 +6,7 @@ What is found, `Arrived` proves: Theorem A of `ccpin/proof/theorems/arrival.md`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,13 +14,12 @@ from ccpin.errors import ConvergenceError
 from ccpin.proof.facts import Fact, NotProvedError, prove
 from ccpin.validated.arithmetic.balls import Ball, ball, lower, upper
 from ccpin.validated.arithmetic.exact_numbers import ExactBox, boxed
-from ccpin.validated.arithmetic.programs import Program
 from ccpin.validated.arithmetic.series import NotInvertibleError
 from ccpin.validated.flow.marching import StepOptions, march
 from ccpin.validated.flow.proved_steps import ProvedSteps
 from ccpin.validated.flow.start_claim import state_of
 from ccpin.validated.flow.start_search import proved_start
-from ccpin.validated.flow.step import ProvenStep, Start, start_box
+from ccpin.validated.flow.step import ProvenStep, start_box
 from ccpin.validated.sets.arrival_claim import Arrived, SetArrived
 from ccpin.validated.sets.arrival_equations import ArrivalEquations
 from ccpin.validated.sets.curvature import UnboundedError
@@ -72,6 +71,10 @@ class Goal(NamedTuple):
         """Whether U is below the level on a box of configurations."""
         return bool(ball(self.highest(self.equations.loop.at_rest(box))) < self.lowered)
 
+    def not_below(self, step: ProvenStep) -> str:
+        """That U is not below the level on a step's boxes, in words; nothing where it is."""
+        return "" if all(map(self.below, step.boxes)) else "U is not below the level on the line"
+
     def arrived(self, moved: Fact, joined: WayToGoal) -> Fact:
         """The fact that a motion, or a tube, ends in B₂.
 
@@ -105,29 +108,6 @@ def goal_of(
     return Goal(equations, level, sublevel, point, well, lowered(equations, well, level), options, precision)
 
 
-class _LineSteps(NamedTuple):
-    """Steps of a line to the set point, on whose boxes U is below the level (a `SteppedField`)."""
-
-    steps: ProvedSteps
-    goal: Goal
-
-    @property
-    def program(self) -> Program:
-        """That of q̇ constant."""
-        return self.steps.program
-
-    def series(self, start: Start, order: int) -> Sequence[Any]:
-        """As for `ProvedSteps`."""
-        return self.steps.series(start, order)
-
-    def attempt(self, start: Start, series: Sequence[Any], length: float, pieces: int) -> ProvenStep | str:
-        """A step of this length, or what is not proven."""
-        step = self.steps.attempt(start, series, length, pieces)
-        if isinstance(step, str) or all(map(self.goal.below, step.boxes)):
-            return step
-        return "U is not below the level on the line"
-
-
 def connection(goal: Goal, end: ExactBox) -> WayToGoal | str:
     """What joins a box of states to the set point below the level, or what could not be proven."""
     equations, options = goal.equations, goal.options._replace(shortest=_SHORTEST)
@@ -135,7 +115,7 @@ def connection(goal: Goal, end: ExactBox) -> WayToGoal | str:
     here = end.balls()[: loop.n_x]
     line = [(there - here[k].mid()).mid() for there, k in zip(q_d, loop.independent, strict=True)]
     here, facts = [*here, *line], list[Fact]()
-    for step in march(_LineSteps(ProvedSteps(loop.steady, goal.precision), goal), here, 1.0, options):
+    for step in march(ProvedSteps(loop.steady, goal.precision, goal.not_below), here, 1.0, options):
         if not isinstance(step, ProvenStep) or step.fact is None:
             return "the line from the state reached to the set point is not proven to stay below the level"
         here = start_box(step.end)

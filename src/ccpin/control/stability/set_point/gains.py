@@ -234,14 +234,7 @@ def _over_samples(law: PDSimpleGravity, region: Corners) -> _Steepness:
 def _over_atlas(law: PDSimpleGravity, atlas: Atlas) -> _Steepness:
     """What is proved of an atlas's cells."""
     require_about("gains over an atlas", atlas, law.model)
-    return _over_cells(law, cells_of_atlas(law, atlas), atlas)
-
-
-class _OneCell(NamedTuple):
-    """A domain of one cell: its corners, of shape (1, n)."""
-
-    lower: Array
-    upper: Array
+    return _over_cells(law, cells_of_atlas(law, atlas), atlas.lower, atlas.upper)
 
 
 def _over_one_cell(law: PDSimpleGravity) -> _Steepness:
@@ -252,28 +245,26 @@ def _over_one_cell(law: PDSimpleGravity) -> _Steepness:
         raise InvalidInputError("gravity has no slope at q_d, so no domain suggests itself: give one")
     trial = PDSimpleGravity(law.model, law.q_d, np.full(n, _ABOVE * slope), np.ones(n), law.q_free_d)
     store = cells_around(trial, np.inf, FloodLimits(0, _CELLS))
-    cell = _OneCell(store[0].lower[None], store[0].upper[None])
-    over = _over_cells(trial, store, cell)
-    half = ", ".join(f"{value:.3g}" for value in 0.5 * (cell.upper - cell.lower)[0])
+    cell = store[0]
+    over = _over_cells(trial, store, cell.lower[None], cell.upper[None])
+    half = ", ".join(f"{value:.3g}" for value in 0.5 * (cell.upper - cell.lower))
     return over._replace(limited=f"over q_d ± ({half}): {over.limited}")
 
 
-def _over_cells(law: PDSimpleGravity, store: CellStore, domain: Atlas | _OneCell) -> _Steepness:
-    """What is proved of all cells of a domain."""
+def _over_cells(law: PDSimpleGravity, store: CellStore, lower: Array, upper: Array) -> _Steepness:
+    """What is proved of all cells of a domain of these corners, of shape (K, n) each."""
     slope, proved, doubt = gravity_slope_over(store), None, [] if store.whole else [_TORN]
     try:
-        proved = _proved(law, store, domain, slope.cells)
+        proved = _proved(law, store, lower, upper, slope.cells)
         slope = slope._replace(bound=float(proved.found["beta"][0]))
     except NotProvedError as error:
         doubt.append(f"that was found, and did not hold when it was to be proved: {error}")
-    return _Steepness(
-        slope, _what_limits(slope), domain.lower.min(axis=0), domain.upper.max(axis=0), proved, tuple(doubt)
-    )
+    return _Steepness(slope, _what_limits(slope), lower.min(axis=0), upper.max(axis=0), proved, tuple(doubt))
 
 
-def _proved(law: PDSimpleGravity, store: CellStore, domain: Atlas | _OneCell, cells: tuple[int, ...]) -> Fact:
+def _proved(law: PDSimpleGravity, store: CellStore, lower: Array, upper: Array, cells: tuple[int, ...]) -> Fact:
     """The fact about a domain's cells, by those that were proved for it."""
-    equations, over = equations_of(law, store.reading), aligned(domain.lower, domain.upper)
+    equations, over = equations_of(law, store.reading), aligned(lower, upper)
     return proved_of_cells(SlopeBounded, equations, store, cells, *over)
 
 
