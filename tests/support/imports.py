@@ -25,6 +25,7 @@ ORDER = (
     "dynamics",
     "domain",
     "control",
+    "programs",
     "simulation",
     "validated",
     "visualization",

@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ccpin.validated.arithmetic.programs import Program
-from ccpin.validated.arithmetic.tape import Tape
+from ccpin.programs.instructions import Code
+from ccpin.programs.tape import Tape
+from ccpin.validated.arithmetic.programs import in_balls
 from ccpin.validated.loop_equations import ClosedLoopEquations
 
 
@@ -52,9 +53,9 @@ def circle(measured):
     rates = [None, None]
     rates[measured], rates[1 - measured] = v, rate
     fall = (v * v + rate * rate) * own * -1
-    closure, jacobian = tape.program([x[0] * x[0] + x[1] * x[1] - 1]), tape.program([other * 2])
+    closure, jacobian = in_balls(tape, [x[0] * x[0] + x[1] * x[1] - 1]), in_balls(tape, [other * 2])
     programs = {"field": [*rates, fall], "drift": [*rates, 0], "energies": [v * v + rate * rate, 0]}
-    recorded = {name: tape.program(outputs) for name, outputs in programs.items()}
+    recorded = {name: in_balls(tape, outputs) for name, outputs in programs.items()}
     return ClosedLoopEquations(2, 1, (measured,), closure=closure, jacobian=jacobian, free="circle", **recorded)
 
 
@@ -73,9 +74,9 @@ def equations(one, **more):
     """The equations of such a loop as claims are about them; nothing but what is asked for is regular or not."""
     inputs = one.field.inputs
     rest = {
-        "jacobian": Program(inputs, inputs, (), ()),
-        "drift": Program(inputs, inputs, (), (0,) * inputs),
-        "energies": Program(inputs, inputs, (), (0, 0)),
+        "jacobian": Code(inputs, inputs, (), ()),
+        "drift": Code(inputs, inputs, (), (0,) * inputs),
+        "energies": Code(inputs, inputs, (), (0, 0)),
         "efforts": one.efforts,
         "left_out": one.left_out,
     }
@@ -83,7 +84,7 @@ def equations(one, **more):
 
 
 def exact(value):
-    from ccpin.validated.arithmetic.balls import rational
+    from ccpin.programs.recording.recorded_tree import rational
 
     return rational(value)
 
@@ -103,8 +104,8 @@ def loop(tape, n_x, n, closure, field, **more):
         n=n,
         independent=tuple(range(n)),
         dependent=tuple(range(n, n_x)),
-        closure=tape.program(closure),
-        field=tape.program(field),
+        closure=in_balls(tape, closure),
+        field=in_balls(tape, field),
         near=np.zeros(n_x),
         **known | more,
     )

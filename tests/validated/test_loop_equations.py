@@ -8,9 +8,7 @@ import pytest
 
 pytest.importorskip("flint")
 
-from ccpin.proof.facts import NotProvedError
-from ccpin.validated.arithmetic.balls import ball, flint
-from ccpin.validated.arithmetic.programs import (
+from ccpin.programs.instructions import (
     ADD,
     CONSTANT,
     COSINE,
@@ -21,18 +19,20 @@ from ccpin.validated.arithmetic.programs import (
     SINE,
     SOLVE,
     SUBTRACT,
+    Code,
     Instruction,
     LinearSystem,
-    Program,
-    require_program,
 )
-from ccpin.validated.arithmetic.tape import Tape
+from ccpin.programs.tape import Tape
+from ccpin.proof.facts import NotProvedError
+from ccpin.validated.arithmetic.balls import ball, flint
+from ccpin.validated.arithmetic.programs import in_balls, require_program
 from ccpin.validated.loop_equations import ClosedLoopEquations, Upright, Wrapped
 from tests.support.parabola import circle
 
 
 def program(*instructions, outputs=(0,), size=9, inputs=2):
-    return Program(size, inputs, tuple(Instruction(*item) for item in instructions), outputs)
+    return Code(size, inputs, tuple(Instruction(*item) for item in instructions), outputs)
 
 
 def sound(given, inputs=2):
@@ -154,14 +154,14 @@ def test_states_with_efforts():
     one = circle(0)
     tape = Tape(4)
     q, y, v, u = tape.inputs
-    held = {name: tape.program(outputs) for name, outputs in (("field", [v, v, u, 0]), ("drift", [v, v, 0, 0]))}
-    rest = {"closure": tape.program([y]), "jacobian": tape.program([]), "energies": tape.program([q, y])}
-    known = ClosedLoopEquations(2, 1, (0,), **held, **rest, efforts=tape.program([q]))
+    held = {name: in_balls(tape, outputs) for name, outputs in (("field", [v, v, u, 0]), ("drift", [v, v, 0, 0]))}
+    rest = {"closure": in_balls(tape, [y]), "jacobian": in_balls(tape, []), "energies": in_balls(tape, [q, y])}
+    known = ClosedLoopEquations(2, 1, (0,), **held, **rest, efforts=in_balls(tape, [q]))
     assert known.sizes == {"Q": 1, "Y": 1, "V": 1, "X": 4, "D": 3}
     refused(known, efforts=None)
-    refused(known, efforts=tape.program([q, q]))
+    refused(known, efforts=in_balls(tape, [q, q]))
     refused(known, n=3)
-    refused(known, n=-1, efforts=tape.program([q, q, q]))
+    refused(known, n=-1, efforts=in_balls(tape, [q, q, q]))
     refused(one, n=2)
     refused(one, n=0)
 
@@ -196,11 +196,11 @@ def test_turns_that_are_none():
         refused(one, wrapped=turns)
     tape = Tape(6)
     recorded = {
-        "field": tape.program([0] * 6),
-        "drift": tape.program([0] * 6),
-        "energies": tape.program([0, 0]),
-        "jacobian": tape.program([]),
-        "closure": tape.program([0] * 4),
+        "field": in_balls(tape, [0] * 6),
+        "drift": in_balls(tape, [0] * 6),
+        "energies": in_balls(tape, [0, 0]),
+        "jacobian": in_balls(tape, []),
+        "closure": in_balls(tape, [0] * 4),
     }
     ball_loop = ClosedLoopEquations(5, 1, (0,), **recorded, upright=(Upright(1, four),))
     for turns in (

@@ -14,10 +14,11 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from ccpin.programs.instructions import Code
 from ccpin.proof.digests import digest
 from ccpin.proof.facts import known, require
 from ccpin.validated.arithmetic.balls import Ball, ball, flint
-from ccpin.validated.arithmetic.programs import Program, is_number, require_program, words
+from ccpin.validated.arithmetic.programs import is_number, require_program, words
 from ccpin.validated.arithmetic.series import values
 
 HALF_A_TURN = (
@@ -76,14 +77,14 @@ class ClosedLoopEquations:
     n_x: int
     n: int
     independent: tuple[int, ...]
-    field: Program
-    closure: Program
-    jacobian: Program
-    drift: Program
-    energies: Program
-    left_out: Program | None = None
-    lyapunov: Program | None = None
-    efforts: Program | None = None
+    field: Code
+    closure: Code
+    jacobian: Code
+    drift: Code
+    energies: Code
+    left_out: Code | None = None
+    lyapunov: Code | None = None
+    efforts: Code | None = None
     wrapped: tuple[Wrapped, ...] = ()
     upright: tuple[Upright, ...] = ()
     free: str = ""
@@ -118,7 +119,7 @@ class ClosedLoopEquations:
         require((held > 0) == (self.efforts is not None) and held >= 0, "efforts held of no law")
         for each in fields(self):
             program = getattr(self, each.name)
-            if isinstance(program, Program):
+            if isinstance(program, Code):
                 require_program(program, self.field.inputs)
                 outputs = len(program.outputs)
                 require(outputs == due.get(each.name, outputs), f"{each.name} has {outputs} outputs")

@@ -106,7 +106,7 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "validated/arithmetic/programs",
-        ("require_program", "is_number", "_all_known", "_entries", "words"),
+        ("in_balls", "constant", "require_program", "is_number", "_all_known", "_entries", "words"),
         ("validated/test_loop_equations.py",),
     ),
     Room(
@@ -126,11 +126,20 @@ ROOMS: tuple[Room, ...] = (
     Room("validated/loop_equations", ("ClosedLoopEquations.at_rest",), _BOXES),
     Room("validated/loop_equations", ("too_far_turned", "_is_upright"), _RECORDED),
     Room(
-        "validated/arithmetic/tape",
-        ("Tape.sincos", "Tape.derivative", "Tape.program", "Tape._slope", "Tape._record", "is_zero"),
+        "programs/tape",
+        (
+            "Tape.sincos",
+            "Tape.root",
+            "Tape.reciprocal",
+            "Tape.angle",
+            "Tape.derivative",
+            "Tape.code",
+            "Tape._slope",
+            "Tape._record",
+            "is_zero",
+        ),
         _PROGRAMS,
         (
-            ("shareable = kind not in", "not asked: kind not in", "what is recorded twice is one value all the same"),
             ("not isinstance(value, Node) and", "not asked: not isinstance", "a node equals no number"),
         ),
     ),
@@ -156,8 +165,8 @@ ROOMS: tuple[Room, ...] = (
             ("slopes[:size] = zero + np.eye", "without zero", "0 and 1 as numbers do as well"),
             ("found[k] = [narrowed(*entry)", "left out", "narrows what holds as it is"),
             (
-                "elif item.kind != programs.PART and",
-                "not asked: item.kind != programs.PART",
+                "elif item.kind != instructions.PART and",
+                "not asked: item.kind != instructions.PART",
                 "narrowed again, from the same",
             ),
             ("inverses[matrix] = known", "left out", "found again where it is needed"),
@@ -190,12 +199,13 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
-        "validated/model/recorded_tree",
+        "programs/recording/recorded_tree",
         (
             "ExactJoint.turning_axes",
             "exact_joints",
             "exact_placement",
             "_exact_rotation",
+            "unit_axes",
             "_rotation",
             "poses",
             "_motion",
@@ -213,7 +223,7 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
-        "validated/model/recorded_forces",
+        "programs/recording/recorded_forces",
         ("closure_terms", "dynamic_terms", "with_springs", "_body_rates"),
         _RECORDED,
         (
@@ -223,7 +233,7 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "validated/model/closed_loop",
-        ("recorded_loop", "_freely_moved", "_independent_rows", "_sprung", "_unit_lengths"),
+        ("recorded_loop", "_upright", "_freely_moved", "_independent_rows", "_sprung", "_unit_lengths"),
         _RECORDED,
         (
             ("if told is not None and not told.idle", "not asked: not", "asks for more than is needed"),
@@ -231,17 +241,19 @@ ROOMS: tuple[Room, ...] = (
             ("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),
         ),
     ),
-    Room("validated/model/recorded_laws", ("law_terms", "_goal", "efforts", "require_sampled"), _RECORDED),
+    Room("programs/recording/recorded_laws", ("law_terms", "_goal", "_angle", "_turned", "efforts", "require_sampled"), _RECORDED),
     Room(
-        "validated/model/recorded_coordinates",
-        ("layout_of", "_windows", "numbers_of", "on_manifold", "unwound", "configuration"),
+        "programs/recording/recorded_coordinates",
+        ("layout_of", "_windows", "numbers_of"),
         (*_RECORDED, _RANDOM),
     ),
+    Room("validated/model/configurations", ("on_manifold", "unwound", "configuration"), (*_RECORDED, _RANDOM)),
+    Room("programs/folding", ("folded",), (*_RECORDED, *_PROGRAMS)),
     Room(
-        "validated/model/ball_joints",
-        ("BallTurn.relative", "BallTurn.upright", "ball_at", "turns_of", "turn_rows", "turn_rates"),
+        "programs/recording/ball_joints",
+        ("BallTurn.relative", "ball_at", "turns_of", "turn_rows", "turn_rates"),
         (*_RECORDED, _RANDOM),
-        (("sign = 1 if float(near", "0 left out", "half a turn away either sign is as near"),),
+        (("sign = 1.0 if float(near", "0 left out", "half a turn away either sign is as near"),),
     ),
     Room(
         "validated/flow/step",

@@ -8,11 +8,12 @@ import pytest
 
 pytest.importorskip("flint")
 
+from ccpin.programs.tape import Tape
 from ccpin.proof.facts import Fact, NotProvedError, Unproved, prove
 from ccpin.validated.arithmetic.balls import ball, flint
 from ccpin.validated.arithmetic.exact_numbers import ExactBox, boxed, centres
+from ccpin.validated.arithmetic.programs import in_balls
 from ccpin.validated.arithmetic.series import all_series, values
-from ccpin.validated.arithmetic.tape import Tape
 from ccpin.validated.flow.crossing_claim import SingularMet
 from ccpin.validated.flow.marching import StepOptions, march
 from ccpin.validated.flow.motion_claim import MotionEnclosed, end_of, times_of
@@ -108,10 +109,10 @@ def test_a_start_has_the_efforts_that_its_law_reads():
     tape = Tape(4)
     q, y, v, u = tape.inputs
     fake = loop(tape, 2, 1, [y * y - q], [v, v, u, 0])
-    fake.efforts = tape.program([y * v + u])
+    fake.efforts = in_balls(tape, [y * v + u])
     state = state_of(prove(start_of(equations(fake), [4.0], [2.0], [3.0], sharp=1e-9)))
     np.testing.assert_allclose(state.parts.sum(axis=1), [4.0, 2.0, 3.0, 6.0], rtol=1e-12)
-    fake.efforts = tape.program([tape.solve([[v]], [[y]])[0, 0]])
+    fake.efforts = in_balls(tape, [tape.solve([[v]], [[y]])[0, 0]])
     refused(start_of(equations(fake), [4.0], [2.0], [0.0], sharp=1e-9), match="efforts")
 
 
@@ -204,7 +205,7 @@ def test_steps_that_are_refused_say_why():
     assert SINGULAR in ProvedSteps(one, 64).attempt(start, [[0] * 5], 0.01, 1)
     tape = Tape(2)
     q, _ = tape.inputs
-    singular = equations(linear(np.array([[0.0]]), np.array([[0.0]])), jacobian=tape.program([q]))
+    singular = equations(linear(np.array([[0.0]]), np.array([[0.0]])), jacobian=in_balls(tape, [q]))
     own = StepEnclosed(singular, column(0.5, 1.0), np.zeros(2), np.array([0.25]), *numbers[1:])
     assert prove(own).found["quantity"][0] == pytest.approx(0.5, abs=1e-8)
     refused(replace(own, centre=column(-0.125, 1.0)), match="nonsingular")
@@ -298,7 +299,7 @@ def test_samples_are_those_of_a_sampled_law(turning):
     tape = Tape(3)
     q, v, u = tape.inputs
     fake = loop(tape, 1, 1, [], [v, u, 0])
-    fake.efforts = tape.program([q * -2 + v * -3 + u])
+    fake.efforts = in_balls(tape, [q * -2 + v * -3 + u])
     own = equations(fake)
     start = prove(start_of(own, [1.0], [], [0.5]))
     numbers = np.array([0.25]), np.array([4]), np.array([2]), BITS
@@ -320,7 +321,7 @@ def test_efforts_that_may_not_exist_end_a_motion():
     tape = Tape(3)
     _, v, u = tape.inputs
     fake = loop(tape, 1, 1, [], [v, u, 0])
-    fake.efforts = tape.program([tape.solve([[v]], [[v * -2]])[0, 0]])
+    fake.efforts = in_balls(tape, [tape.solve([[v]], [[v * -2]])[0, 0]])
     own = equations(fake)
     start = prove(start_of(own, [1.0], [], [0.5]))
     one = prove(StepEnclosed(own, *state_of(start), np.array([0.25]), np.array([4]), np.array([2]), BITS))
@@ -346,7 +347,7 @@ def test_rows_that_are_left_out_are_bounded():
     q, v = tape.inputs
     fake = linear(np.array([[0.0]]), np.array([[0.0]]))
     for outputs, due in (([q - 1], [0.25, 0.5]), ([q * 2 - 2], [0.5, 1.0])):
-        fake.left_out = tape.program(outputs)
+        fake.left_out = in_balls(tape, outputs)
         own = equations(fake)
         start = prove(start_of(own, [1.0], [], [1.0]))
         with flint().ctx.workprec(64):
@@ -354,7 +355,7 @@ def test_rows_that_are_left_out_are_bounded():
             steps = [step.fact for step in march(ProvedSteps(own, 64), state_of(start).balls(), 0.5, options)]
         found = prove(MotionEnclosed(own, np.zeros(2, dtype=bool), BITS), start, *steps).found["left_open"]
         np.testing.assert_allclose(found, due, rtol=0.01)
-    fake.left_out = tape.program([tape.solve([[q - 1]], [[v]])[0, 0]])
+    fake.left_out = in_balls(tape, [tape.solve([[q - 1]], [[v]])[0, 0]])
     own = equations(fake)
     start = prove(start_of(own, [1.0], [], [1.0]))
     step = prove(replace(steps[0].claim, equations=own))

@@ -7,9 +7,10 @@ import pytest
 
 pytest.importorskip("flint")
 
+from ccpin.programs.tape import Tape
 from ccpin.validated.arithmetic.balls import ball, flint
+from ccpin.validated.arithmetic.programs import in_balls
 from ccpin.validated.arithmetic.series import NotInvertibleError, all_series, extend
-from ccpin.validated.arithmetic.tape import Tape
 from ccpin.validated.flow.defect import _AlongPolynomial, defect_along, sizes_along
 
 N, H = 4, 0.5
@@ -23,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("precise")
 def along(outputs, *polynomials):
     """What is known of outputs (recorded from the inputs) along polynomials: terms, ω and the coefficients."""
     tape = Tape(len(polynomials))
-    program = tape.program(outputs(tape, *tape.inputs))
+    program = in_balls(tape, outputs(tape, *tape.inputs))
     series = [[ball(c) for c in p] for p in polynomials] + [[] for _ in range(program.size - len(polynomials))]
     extend(program, series, N)
     run = _AlongPolynomial.over(program, series, ball(H))
@@ -39,7 +40,7 @@ def test_sizes_along_polynomials_hold_products_of_inputs():
     """‖x y‖ and what is beyond degree N − 1 make up x(h) y(h) where all coefficients are positive."""
     tape = Tape(2)
     x, y = tape.inputs
-    program = tape.program([x * y, x + y])
+    program = in_balls(tape, [x * y, x + y])
     (product, total) = sizes_along(program, [[ball(c) for c in p] for p in (X, Y)], ball(H))
     assert float(product) == pytest.approx((X @ POWERS[:5]) * (Y @ POWERS[:5]), rel=1e-12)
     assert float(total) == pytest.approx((X + np.array(Y)) @ POWERS[:5], rel=1e-12)
@@ -173,7 +174,7 @@ def test_the_defect_of_a_known_solution():
     """X′ = x² from ½: of the polynomial of degree N, p′ − p² has the terms of p² from degree N on, attained at h."""
     tape = Tape(1)
     (x,) = tape.inputs
-    program = tape.program([x * x])
+    program = in_balls(tape, [x * x])
     series = all_series(program, [ball(0.5)], N)
     p = np.array([float(c) for c in series[0]])
     square = np.convolve(p, p)

@@ -12,8 +12,9 @@ pytest.importorskip("flint")
 
 import ccpin
 from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.programs.tape import Tape
 from ccpin.validated.arithmetic.balls import ball, flint
-from ccpin.validated.arithmetic.tape import Tape
+from ccpin.validated.arithmetic.programs import in_balls
 from ccpin.validated.flow import crossing, enclosing, enclosure, regularity
 from ccpin.validated.flow.enclosure import collect
 from ccpin.validated.flow.marching import Stuck
@@ -135,7 +136,7 @@ def test_quaternions_are_compared_with_the_sign_of_the_box():
 def test_energies_are_sums():
     tape = Tape(3)
     q, y, v = tape.inputs
-    found = enclosed(energies=tape.program([v * v, q + y * 0]))
+    found = enclosed(energies=in_balls(tape, [v * v, q + y * 0]))
     assert float(found.energy(0.125).mid()) == pytest.approx((3 - 0.125) ** 2 + 4.125, rel=0.02)
 
 
@@ -143,14 +144,14 @@ def test_rows_left_out_are_bounded():
     """|φ(p)| along the polynomial, and the slopes times the errors, of the worst row."""
     tape = Tape(3)
     q, y, v = tape.inputs
-    one = jointed(left_out=tape.program([q - y * 3, y + v * 2]))
+    one = jointed(left_out=in_balls(tape, [q - y * 3, y + v * 2]))
     step = line(4.0, 0.25)
     first = 2.0 + 0.25 + 3 * 0.25  # |q − 3y| ≤ 2 + t by coefficients
     second = 2.0 + 6.0 + 0.5 + 0.25 + 2 * 0.5
     assert left_open(one, step) == pytest.approx(max(first, second), rel=1e-6)
-    one.left_out = tape.program([q - y * 3])
+    one.left_out = in_balls(tape, [q - y * 3])
     assert left_open(one, step) == pytest.approx(first, rel=1e-6)
-    one.left_out = tape.program([q * y])  # a product of inputs
+    one.left_out = in_balls(tape, [q * y])  # a product of inputs
     assert left_open(one, step) > 8.0
 
 

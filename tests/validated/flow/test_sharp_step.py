@@ -8,9 +8,10 @@ from scipy.linalg import expm
 
 pytest.importorskip("flint")
 
+from ccpin.programs.tape import Tape
 from ccpin.validated.arithmetic.balls import ball, flint
+from ccpin.validated.arithmetic.programs import in_balls
 from ccpin.validated.arithmetic.series import all_series
-from ccpin.validated.arithmetic.tape import Tape
 from ccpin.validated.flow import crossing as crossings
 from ccpin.validated.flow.defect import defect_along
 from ccpin.validated.flow.marching import QUANTUM, StepOptions, march
@@ -36,14 +37,10 @@ MINUS = np.array([[-1.0, 0.5], [2.0, 0.25]])  # M
 pytestmark = pytest.mark.usefixtures("precise")
 
 
-def rational(value):
-    return flint().fmpq(*float(value).as_integer_ratio())
-
-
 def linear(matrix, constant=None):
     tape = Tape(len(matrix))
-    rows = [sum((x * rational(c) for x, c in zip(tape.inputs, row, strict=True)), 0) for row in matrix]
-    return tape.program([r + (0 if constant is None else rational(constant[k])) for k, r in enumerate(rows)])
+    rows = [sum((x * Fraction(c) for x, c in zip(tape.inputs, row, strict=True)), 0) for row in matrix]
+    return in_balls(tape, [r + (0 if constant is None else Fraction(constant[k])) for k, r in enumerate(rows)])
 
 
 def floats(box):
@@ -67,7 +64,7 @@ def test_a_box_that_does_not_hold_its_image_is_refused():
     """One component does, the other runs away."""
     tape = Tape(2)
     x, _ = tape.inputs
-    program = tape.program([x * x, 0])
+    program = in_balls(tape, [x * x, 0])
     with pytest.raises(_RefusedError, match="own image"):
         _piece(program, [ball(1), ball(0)], [ball(0.1), ball(0.1)], [ball(0), ball(0)], ball(2))
 
@@ -76,7 +73,7 @@ def test_slopes_that_are_not_bounded_are_refused():
     """In one component: the gain of a turn of half a turn and more."""
     tape = Tape(2)
     x, y = tape.inputs
-    program = tape.program([tape.gain(x), y])
+    program = in_balls(tape, [tape.gain(x), y])
     with pytest.raises(_RefusedError, match="not bounded"):
         _piece(program, [ball(-1), ball(0)], [ball(0.5), ball(0)], [ball(0), ball(0)], ball(0.125))
 
@@ -124,7 +121,7 @@ def test_the_defect_enters_by_its_share_of_each_piece():
 def test_the_pieces_are_those_of_the_step():
     """Of x′ = 1 from 3: piece k holds 3 + [k, k + 1] h/K and no more."""
     tape = Tape(1)
-    program = tape.program([tape.node(1)])
+    program = in_balls(tape, [tape.node(1)])
     start = Start([ball(3.0)], [ball(0)])
     step = attempt(WatchedField(program, lambda box: 1.0), start, all_series(program, start.centre, 2), 0.5, 4)
     for k, (box,) in enumerate(step.boxes):
@@ -136,7 +133,7 @@ def test_the_pieces_are_those_of_the_step():
 @pytest.mark.parametrize("quantity", [0.0, -1.0, float("nan")])
 def test_a_quantity_that_is_not_proved_positive_is_refused(quantity):
     tape = Tape(1)
-    program = tape.program([tape.node(1)])
+    program = in_balls(tape, [tape.node(1)])
     start = Start([ball(3.0)], [ball(0)])
     series = all_series(program, start.centre, 2)
     assert "nonsingular" in attempt(WatchedField(program, lambda box: quantity), start, series, 0.5, 4)

@@ -8,9 +8,10 @@ from tests.oracles import rpdr as oracle
 
 flint = pytest.importorskip("flint")
 
+from ccpin.programs.tape import Tape  # noqa: E402
 from ccpin.validated.arithmetic.balls import ball  # noqa: E402
+from ccpin.validated.arithmetic.programs import in_balls  # noqa: E402
 from ccpin.validated.arithmetic.series import all_series, gradients, values  # noqa: E402
-from ccpin.validated.arithmetic.tape import Tape  # noqa: E402
 from ccpin.validated.flow.defect import defect_along  # noqa: E402
 from ccpin.validated.flow.marching import StepOptions, march  # noqa: E402
 from ccpin.validated.flow.regularity import regular  # noqa: E402
@@ -34,13 +35,13 @@ def known(name):
     tape = Tape(1)
     (x,) = tape.inputs
     if name == "x²":
-        return tape.program([x * x]), 1.0, lambda t: 1 / (1 - t)
+        return in_balls(tape, [x * x]), 1.0, lambda t: 1 / (1 - t)
     if name == "sin x":
-        return tape.program([tape.sincos(x)[0]]), 1.0, lambda t: 2 * (t.exp() * ball(0.5).tan()).atan()
+        return in_balls(tape, [tape.sincos(x)[0]]), 1.0, lambda t: 2 * (t.exp() * ball(0.5).tan()).atan()
     if name == "cos x":
-        return tape.program([tape.sincos(x)[1]]), 0.0, lambda t: 2 * ((t / 2).tanh()).atan()
+        return in_balls(tape, [tape.sincos(x)[1]]), 0.0, lambda t: 2 * ((t / 2).tanh()).atan()
     solution = tape.solve([[x, tape.node(0)], [tape.node(1), x]], [[1], [1]])  # second entry: (1 − 1/x)/x
-    return tape.program([solution[1][0] + solution[0][0] * solution[0][0]]), 1.0, lambda t: (1 + 2 * t).sqrt()
+    return in_balls(tape, [solution[1][0] + solution[0][0] * solution[0][0]]), 1.0, lambda t: (1 + 2 * t).sqrt()
 
 
 @pytest.mark.parametrize("name", ["x²", "sin x", "cos x", "A⁻¹b"])

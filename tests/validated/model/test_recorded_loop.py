@@ -17,10 +17,11 @@ from tests.support.strategies import Growth
 
 flint = pytest.importorskip("flint")
 
+from ccpin.programs.recording.recorded_tree import closure_rows, exact_joints  # noqa: E402
+from ccpin.programs.tape import Tape  # noqa: E402
+from ccpin.validated.arithmetic.programs import in_balls  # noqa: E402
 from ccpin.validated.arithmetic.series import values  # noqa: E402
-from ccpin.validated.arithmetic.tape import Tape  # noqa: E402
 from ccpin.validated.model.closed_loop import recorded_loop  # noqa: E402
-from ccpin.validated.model.recorded_tree import closure_rows, exact_joints  # noqa: E402
 from tests.support.enclosures import balls, numbers  # noqa: E402
 from tests.support.recorded import MECHANISMS  # noqa: E402
 
@@ -61,7 +62,7 @@ def test_recorded_closures(kind, planar):
     constraints = Constraints(tree, description.closures, ())
     joints = exact_joints(tree)
     tape = Tape(len(joints))
-    program = tape.program(closure_rows(tape, constraints, joints, tape.inputs))
+    program = in_balls(tape, closure_rows(tape, constraints, joints, tape.inputs))
     q_free = np.random.default_rng(4).normal(size=len(joints))
     np.testing.assert_allclose(
         numbers(values(program, balls(q_free))), constraints.residual(q_free), rtol=0, atol=1e-13

@@ -9,12 +9,13 @@ import pytest
 
 pytest.importorskip("flint")
 
+from ccpin.programs.tape import Tape
 from ccpin.proof.facts import NotProvedError, Unproved, is_fact, prove
 from ccpin.validated.arithmetic.ball_arrays import BallArray
 from ccpin.validated.arithmetic.balls import ball, flint
 from ccpin.validated.arithmetic.exact_numbers import ExactBox
+from ccpin.validated.arithmetic.programs import in_balls
 from ccpin.validated.arithmetic.series import NotInvertibleError
-from ccpin.validated.arithmetic.tape import Tape
 from ccpin.validated.flow.marching import march
 from ccpin.validated.flow.proved_steps import ProvedSteps
 from ccpin.validated.flow.start_claim import ClosedStart
@@ -47,10 +48,10 @@ def hill(damping=1, **more):
     well = half * (v * v) + ten * ((q - 3) * (4 - q)) + 3
     return equations(
         loop(tape, 2, 1, [y * y - q], [v, speed, v * flint().fmpq(-damping)]),
-        drift=tape.program([v, speed, 0]),
-        jacobian=tape.program([2 * y]),
-        energies=tape.program([half * (v * v), y + 1]),
-        lyapunov=tape.program([well]),
+        drift=in_balls(tape, [v, speed, 0]),
+        jacobian=in_balls(tape, [2 * y]),
+        energies=in_balls(tape, [half * (v * v), y + 1]),
+        lyapunov=in_balls(tape, [well]),
         **more,
     )
 
@@ -300,8 +301,8 @@ def test_equations_of_a_sampled_law_are_refused():
     q, y, v, u = tape.inputs
     speed = tape.solve([[2 * y]], [[v]])[0, 0]
     one = loop(tape, 2, 1, [y * y - q], [v, speed, u, 0])
-    one.efforts = tape.program([v * -1])
-    held = equations(one, lyapunov=tape.program([v * v]))
+    one.efforts = in_balls(tape, [v * -1])
+    held = equations(one, lyapunov=in_balls(tape, [v * v]))
     with pytest.raises(NotProvedError, match="sampled"):
         replace(OWN, loop=held)
 
@@ -373,8 +374,8 @@ def test_the_set_point_s_own_value_is_not_below_it():
     _, v = tape.inputs
     one = equations(
         linear(np.array([[4.0]]), np.array([[0.5]])),
-        energies=tape.program([v * v, 0]),
-        lyapunov=tape.program([v * v]),
+        energies=in_balls(tape, [v * v, 0]),
+        lyapunov=in_balls(tape, [v * v]),
     )
     own = ArrivalEquations(one, ExactBox(np.zeros((1, 1)), np.zeros(1)), np.zeros(1), 0.0, True)
     motion = motion_of(one, [0.0], [], [0.0], 0.0)
@@ -397,7 +398,7 @@ def test_a_value_that_is_not_proven_to_exist():
     tape = Tape(3)
     q, y, v = tape.inputs
     ratio = tape.solve([[y - 2]], [[q]])[0, 0]
-    own = replace(OWN, loop=replace(HILL, lyapunov=tape.program([ratio + v])))
+    own = replace(OWN, loop=replace(HILL, lyapunov=in_balls(tape, [ratio + v])))
     goal, here = closed(4.0, 2.0, one=own.loop), motion_of(own.loop, [4.0], [2.0], [0.0], 0.0)
     refused(never(own), here, goal, match="exist")
     refused(arrived(own=own), here, goal, closed(4.0, 2.0, 1e-3, 1e-2, one=own.loop), match="exist")
@@ -464,7 +465,7 @@ def test_the_highest_value_on_a_cross_section_is_attained(monkeypatch):
         monkeypatch.setattr(lyapunov, "last_instant", lambda _: at)
         with flint().ctx.workprec(64), np.errstate(all="ignore"):
             return float(
-                LyapunovAt(replace(HILL, lyapunov=tape.program([program])), ball(10)).on_section(slices).upper()
+                LyapunovAt(replace(HILL, lyapunov=in_balls(tape, [program])), ball(10)).on_section(slices).upper()
             )
 
     assert highest(half * (v * v) + half * (q * q)) == pytest.approx(0.5 * corner @ corner - 10.0, rel=1e-9)

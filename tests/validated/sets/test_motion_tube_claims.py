@@ -12,10 +12,11 @@ from scipy.linalg import expm
 
 pytest.importorskip("flint")
 
+from ccpin.programs.tape import Tape
 from ccpin.proof.facts import NotProvedError, Unproved, prove
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly
 from ccpin.validated.arithmetic.balls import flint
-from ccpin.validated.arithmetic.tape import Tape
+from ccpin.validated.arithmetic.programs import in_balls
 from ccpin.validated.flow.motion_claim import MotionEnclosed
 from ccpin.validated.flow.step_claim import StepEnclosed, step_of
 from ccpin.validated.sets.curvature import UnboundedError
@@ -266,7 +267,7 @@ def sampled():
     tape = Tape(3)
     q, v, u = tape.inputs
     one = loop(tape, 1, 1, [], [v, u, 0])
-    one.efforts = tape.program([q * -2 - v * 3 - q * q - v * v])
+    one.efforts = in_balls(tape, [q * -2 - v * 3 - q * q - v * v])
     return equations(one)
 
 
@@ -306,7 +307,7 @@ def test_a_sample_of_no_bounded_efforts():
     tape = Tape(3)
     q, v, u = tape.inputs
     one = loop(tape, 1, 1, [], [v, u, 0])
-    one.efforts = tape.program([tape.solve([[q]], [[v]])[0, 0]])
+    one.efforts = in_balls(tape, [tape.solve([[q]], [[v]])[0, 0]])
     motion = motion_of(equations(one), [0.5], [], [0.25], 2.0**-5, period=2.0**-5)
     fact = tube_about(motion, SPREAD)
     refused(replace(fact.claim, spread=np.array([0.6, 0.02])), *fact.premises, match="nonsingular")

@@ -10,9 +10,10 @@ import pytest
 pytest.importorskip("flint")
 
 from ccpin.errors import ConvergenceError
+from ccpin.programs.tape import Tape
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, joined
 from ccpin.validated.arithmetic.balls import ball, flint
-from ccpin.validated.arithmetic.tape import Tape
+from ccpin.validated.arithmetic.programs import in_balls
 from ccpin.validated.flow.closing import krawczyk
 from ccpin.validated.flow.start_search import closed_start, unique_there
 from ccpin.validated.sets import curvature as module
@@ -189,7 +190,7 @@ def test_jets_along_q_and_speed():
     """Y v at q = 4, v = 3: all first and second derivatives along (q, v); a program of q, of speed and of nothing."""
     tape = Tape(3)
     q, y, v = tape.inputs
-    program = tape.program([y * v, q * q, v * v, tape.node(2)])
+    program = in_balls(tape, [y * v, q * q, v * v, tape.node(2)])
     points, _ = closed_boxes(parabola(), np.array([[4.0, 2.0]]), np.full((1, 1), 1e-15))
     thin = jets_of(states_of(parabola(), points, exactly(np.array([[3.0]]))), parabola(), program)
     np.testing.assert_allclose(thin.value.mid[0], [6.0, 16.0, 9.0, 2.0], rtol=1e-12)
@@ -466,7 +467,7 @@ def test_feedback_of_a_sampled_law():
     tape = Tape(4)
     q, y, v, _ = tape.inputs
     one = loop(tape, 2, 1, [y * y - q], [v, tape.solve([[2 * y]], [[v]])[0, 0], y * v, 0])
-    one.efforts = tape.program([y * v])
+    one.efforts = in_balls(tape, [y * v])
     middle = BallArray(np.array([[4.0, 2.0, 3.0, 0.0]]), np.full((1, 4), 1e-15))
     at = Instants(np.ones(1), np.full(1, 0.01), middle, middle)
     np.testing.assert_allclose(feedback(one, at, None, 1).mid, [[[0.75, 2.0]]], atol=1e-12)

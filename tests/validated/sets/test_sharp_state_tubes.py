@@ -9,11 +9,12 @@ from scipy.linalg import expm
 
 pytest.importorskip("flint")
 
+from ccpin.programs.tape import Tape
 from ccpin.proof.facts import NotProvedError, prove
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly
 from ccpin.validated.arithmetic.balls import ball
 from ccpin.validated.arithmetic.exact_numbers import boxed
-from ccpin.validated.arithmetic.tape import Tape
+from ccpin.validated.arithmetic.programs import in_balls
 from ccpin.validated.flow.marching import StepOptions, Stuck
 from ccpin.validated.flow.motion_claim import MotionEnclosed
 from ccpin.validated.flow.motion_task import MotionAsked
@@ -321,7 +322,7 @@ def sampled():
     tape = Tape(3)
     q, v, u = tape.inputs
     one = loop(tape, 1, 1, [], [v, u, 0])
-    one.efforts = tape.program([q * -2 - v * 3])
+    one.efforts = in_balls(tape, [q * -2 - v * 3])
     return one
 
 
@@ -360,7 +361,7 @@ def sampled_of_root():
     tape = Tape(4)
     q, y, v, u = tape.inputs
     one = loop(tape, 2, 1, [y * y - q], [v, tape.solve([[2 * y]], [[v]])[0, 0], u, 0])
-    one.efforts = tape.program([y * v])
+    one.efforts = in_balls(tape, [y * v])
     return one
 
 

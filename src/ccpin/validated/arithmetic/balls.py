@@ -1,7 +1,6 @@
 """Ball arithmetic: python-flint, imported on first use, and the few conversions the package needs.
 
-An `arb` is a real number known to lie in a ball mid ± rad; every operation encloses its rounding. An `fmpq` is an
-exact rational; a double becomes one without rounding.
+An `arb` is a real number known to lie in a ball mid ± rad; every operation encloses its rounding.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ import importlib
 import math
 import sys
 from collections.abc import Iterable, Sequence
+from fractions import Fraction
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -20,7 +20,6 @@ from ccpin.arrays import Array
 from ccpin.errors import CcpinError
 
 Ball = Any  # flint.arb: python-flint carries no types
-Rational = Any  # flint.fmpq
 _RADIUS_BITS = 30  # of a ball's radius
 
 
@@ -72,13 +71,10 @@ def with_radius(centre: Ball, radius: Ball) -> Ball:
     return found if found.rad() >= radius else flint().arb(centre, radius)
 
 
-def rational(value: float) -> Rational:
-    """The exact rational value of a finite double."""
-    return flint().fmpq(*float(value).as_integer_ratio())
-
-
 def ball(value: Any) -> Ball:
     """A number (double, rational or ball) as a ball at the current precision."""
+    if isinstance(value, Fraction):
+        value = flint().fmpq(value.numerator, value.denominator)
     return flint().arb(value)
 
 

@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.validated.arithmetic import programs
+from ccpin.programs import instructions
+from ccpin.programs.instructions import Code, Instruction
 from ccpin.validated.arithmetic.ball_arrays import (
     BallArray,
     gain,
@@ -30,7 +31,6 @@ from ccpin.validated.arithmetic.ball_arrays import (
     stacked,
     zeros,
 )
-from ccpin.validated.arithmetic.programs import Instruction, Program
 from ccpin.validated.arithmetic.series import NotInvertibleError
 
 
@@ -50,7 +50,7 @@ class Jet(NamedTuple):
     twist: BallArray | None = None
 
 
-def jets_over(program: Program, inputs: Sequence[Jet], order: int = 3, reach: Array | None = None) -> list[Jet]:
+def jets_over(program: Code, inputs: Sequence[Jet], order: int = 3, reach: Array | None = None) -> list[Jet]:
     """The outputs' jets.
 
     Args:
@@ -80,25 +80,25 @@ class _JetEvaluation:
     def visit(self, item: Instruction) -> None:
         """One value's jet."""
         found, a, b = self.found, item.a, item.b
-        if item.kind == programs.MULTIPLY:
+        if item.kind == instructions.MULTIPLY:
             result = self.product(found[a], found[b])
-        elif item.kind == programs.ADD:
+        elif item.kind == instructions.ADD:
             result = Jet._make(_sum(x, y) for x, y in zip(found[a], found[b], strict=True))
-        elif item.kind == programs.SUBTRACT:
+        elif item.kind == instructions.SUBTRACT:
             result = Jet._make(_sum(x, None if y is None else -y) for x, y in zip(found[a], found[b], strict=True))
-        elif item.kind == programs.SCALE:
+        elif item.kind == instructions.SCALE:
             factor = of_balls([[item.constant]]).at(0)
             result = Jet._make(None if x is None else _spread(factor, x.mid.ndim) * x for x in found[a])
-        elif item.kind in (programs.SINE, programs.COSINE):
+        elif item.kind in (instructions.SINE, instructions.COSINE):
             sine, cosine = self.trigonometric(a)
-            waves = (sine, cosine, -sine, -cosine) if item.kind == programs.SINE else (cosine, -sine, -cosine, sine)
+            waves = (sine, cosine, -sine, -cosine) if item.kind == instructions.SINE else (cosine, -sine, -cosine, sine)
             result = self.composed(found[a], waves)
-        elif item.kind == programs.GAIN:
+        elif item.kind == instructions.GAIN:
             result = self.composed(found[a], tuple(gain(found[a].value, b + k) for k in range(4)))
-        elif item.kind == programs.SOLVE:
+        elif item.kind == instructions.SOLVE:
             found[item.target] = self.solution(item)
             return
-        elif item.kind == programs.PART:
+        elif item.kind == instructions.PART:
             result = found[a][b]
         else:
             constant = of_balls([[item.constant]]).at(0)

@@ -1,57 +1,44 @@
-"""Straight-line programs: instructions over numbered values, and which of them are programs at all.
+"""Recorded programs in balls: their constants, and which are programs at all.
 
-`ccpin.validated.arithmetic.tape` records them; `ccpin.validated.arithmetic.series` says what they compute.
+`ccpin.programs.tape` records them; `ccpin.validated.arithmetic.series` says what they compute.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
+from ccpin.programs.folding import Arithmetic, folded
+from ccpin.programs.instructions import (
+    ADD,
+    CONSTANT,
+    COSINE,
+    GAIN,
+    MULTIPLY,
+    PART,
+    SCALE,
+    SINE,
+    SOLVE,
+    SUBTRACT,
+    Code,
+    Instruction,
+    LinearSystem,
+)
+from ccpin.programs.tape import Expression, Tape
 from ccpin.proof.facts import NotProvedError
-from ccpin.validated.arithmetic.balls import flint
-
-INPUT, CONSTANT, ADD, SUBTRACT, MULTIPLY, SCALE, SINE, COSINE, SOLVE, PART, GAIN = range(11)  # kinds of instructions
+from ccpin.validated.arithmetic.balls import Ball, ball, flint
 
 
-class Instruction(NamedTuple):
-    """One operation of a program.
-
-    Attributes:
-        kind: Its code.
-        target: The number of the value it defines (for SOLVE: of nothing; its PARTs define the values).
-        a, b: Numbers of its operands: SINE and COSINE know each other by b; PART is column b of a row-major
-            solution of SOLVE a; SOLVE keeps a `LinearSystem` in b, GAIN the order of its derivative.
-        constant: The factor of SCALE, the value of CONSTANT.
-    """
-
-    kind: int
-    target: int
-    a: Any = None
-    b: Any = None
-    constant: Any = None
+def in_balls(tape: Tape, outputs: Sequence[Expression], also: Sequence[Expression] = ()) -> Code:
+    """What outputs need (and values that are `also` to exist), with constants as balls at the current precision."""
+    arb = flint().arb
+    return folded(tape.code(outputs, also), Arithmetic(ball, arb.sqrt, lambda x: 1 / x, arb.atan2))
 
 
-class LinearSystem(NamedTuple):
-    """A z = B with numbers of values as entries; A of shape (m, m), B of shape (m, k)."""
-
-    matrix: tuple[tuple[int, ...], ...]
-    right: tuple[tuple[int, ...], ...]
-
-
-class Program(NamedTuple):
-    """Instructions in an order in which they can be run.
-
-    Attributes:
-        size: How many values there are.
-        inputs: How many inputs there are; they are values 0, 1, ….
-        instructions: All that the outputs need.
-        outputs: Numbers of the output values.
-    """
-
-    size: int
-    inputs: int
-    instructions: tuple[Instruction, ...]
-    outputs: tuple[int, ...]
+def constant(tape: Tape, value: Expression) -> Ball:
+    """The ball of an expression of constants alone."""
+    (item,) = in_balls(tape, [value]).instructions
+    return item.constant
 
 
 def require_program(program: Any, inputs: int) -> None:
@@ -62,7 +49,7 @@ def require_program(program: Any, inputs: int) -> None:
     Raises:
         NotProvedError: It is none.
     """
-    _require(type(program) is Program and program.inputs == inputs, "no program of this many inputs")
+    _require(type(program) is Code and program.inputs == inputs, "no program of this many inputs")
     _require(type(program.instructions) is tuple and type(program.outputs) is tuple, "a program that could be changed")
     entries: dict[int, int] = {}  # of each SOLVE: how many it has
     values, waves = set(range(inputs)), dict[tuple[int, int], tuple[int, int]]()

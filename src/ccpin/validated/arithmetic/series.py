@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ccpin.validated.arithmetic import programs
+from ccpin.programs import instructions
+from ccpin.programs.instructions import Code, Instruction
 from ccpin.validated.arithmetic.balls import Ball, BallInverse, ball, flint, gain, inverse
-from ccpin.validated.arithmetic.programs import Instruction, Program
 
 Memory = dict[Any, Any]  # a system's matrix (numbers of values) -> its inverse; (w, k) -> coefficients of g⁽ᵏ⁾(w)
 
@@ -19,7 +19,7 @@ class NotInvertibleError(ArithmeticError):
     """A linear solve met a matrix of balls not proven invertible (caught inside this package)."""
 
 
-def values(program: Program, inputs: Sequence[Ball]) -> list[Ball]:
+def values(program: Code, inputs: Sequence[Ball]) -> list[Ball]:
     """Balls around the outputs over a box of inputs.
 
     Raises:
@@ -29,7 +29,7 @@ def values(program: Program, inputs: Sequence[Ball]) -> list[Ball]:
     return [found[number] for number in program.outputs]
 
 
-def _values(program: Program, inputs: Sequence[Ball], inverses: Memory) -> list[Any]:
+def _values(program: Code, inputs: Sequence[Ball], inverses: Memory) -> list[Any]:
     found: list[Any] = [None] * program.size
     found[: program.inputs] = inputs
     for item in program.instructions:
@@ -39,29 +39,29 @@ def _values(program: Program, inputs: Sequence[Ball], inverses: Memory) -> list[
 
 def _value(item: Instruction, found: list[Any], inverses: Memory) -> Any:
     a, b = item.a, item.b
-    if item.kind == programs.MULTIPLY:
+    if item.kind == instructions.MULTIPLY:
         return found[a] * found[b]
-    if item.kind == programs.ADD:
+    if item.kind == instructions.ADD:
         return found[a] + found[b]
-    if item.kind == programs.SUBTRACT:
+    if item.kind == instructions.SUBTRACT:
         return found[a] - found[b]
-    if item.kind == programs.SCALE:
+    if item.kind == instructions.SCALE:
         return item.constant * found[a]
-    if item.kind == programs.SINE:
+    if item.kind == instructions.SINE:
         return found[a].sin()
-    if item.kind == programs.COSINE:
+    if item.kind == instructions.COSINE:
         return found[a].cos()
-    if item.kind == programs.GAIN:
+    if item.kind == instructions.GAIN:
         return gain(found[a], b)
-    if item.kind == programs.PART:
+    if item.kind == instructions.PART:
         return found[a][b]
-    if item.kind == programs.SOLVE:
+    if item.kind == instructions.SOLVE:
         right = flint().arb_mat([[found[number] for number in row] for row in b.right])
         return _inverse(b.matrix, found.__getitem__, inverses).times(right).entries()
     return item.constant
 
 
-def gradients(program: Program, inputs: Sequence[Ball]) -> list[list[Ball]]:
+def gradients(program: Code, inputs: Sequence[Ball]) -> list[list[Ball]]:
     """∂outputs/∂inputs over a box, one row an output.
 
     Every value w over the box ± δ about c is narrowed by the mean value theorem, w ∈ w(c) + w′(box)δ, so that what is
@@ -86,35 +86,35 @@ def gradients(program: Program, inputs: Sequence[Ball]) -> list[list[Ball]]:
     for item in program.instructions:
         k = item.target
         found[k] = _value(item, found, inverses)
-        if item.kind == programs.SINE:  # its slope is the cosine, which comes next
+        if item.kind == instructions.SINE:  # its slope is the cosine, which comes next
             found[item.b] = found[item.a].cos()
         slopes[k] = _gradient(item, found, slopes, zero, inverses)
-        if item.kind == programs.SOLVE:
+        if item.kind == instructions.SOLVE:
             found[k] = [narrowed(*entry) for entry in zip(found[k], middle[k], slopes[k], strict=True)]
-        elif item.kind != programs.PART and not isinstance(slopes[k], int):
+        elif item.kind != instructions.PART and not isinstance(slopes[k], int):
             found[k] = narrowed(found[k], middle[k], slopes[k])
     return [list(zero + slopes[number]) for number in program.outputs]
 
 
 def _gradient(item: Instruction, found: list[Any], slopes: list[Any], zero: Any, inverses: Memory) -> Any:
     a, b = item.a, item.b
-    if item.kind == programs.MULTIPLY:
+    if item.kind == instructions.MULTIPLY:
         return slopes[a] * found[b] + slopes[b] * found[a]
-    if item.kind == programs.ADD:
+    if item.kind == instructions.ADD:
         return slopes[a] + slopes[b]
-    if item.kind == programs.SUBTRACT:
+    if item.kind == instructions.SUBTRACT:
         return slopes[a] - slopes[b]
-    if item.kind == programs.SCALE:
+    if item.kind == instructions.SCALE:
         return slopes[a] * item.constant
-    if item.kind == programs.SINE:
+    if item.kind == instructions.SINE:
         return slopes[a] * found[b]
-    if item.kind == programs.COSINE:
+    if item.kind == instructions.COSINE:
         return slopes[a] * -found[b]
-    if item.kind == programs.GAIN:
+    if item.kind == instructions.GAIN:
         return slopes[a] * gain(found[a], b + 1)
-    if item.kind == programs.PART:
+    if item.kind == instructions.PART:
         return slopes[a][b]
-    if item.kind == programs.SOLVE:
+    if item.kind == instructions.SOLVE:
         return _solution_gradient(item, found, slopes, zero, inverses)
     return 0
 
@@ -134,7 +134,7 @@ def _solution_gradient(item: Instruction, found: list[Any], slopes: list[Any], z
     return np.array(solved, dtype=object).reshape(m, size, columns).swapaxes(1, 2).reshape(m * columns, size)
 
 
-def all_series(program: Program, start: Sequence[Ball], order: int) -> list[Any]:
+def all_series(program: Code, start: Sequence[Ball], order: int) -> list[Any]:
     """Taylor coefficients at t = 0 of every value along the solution of x′ = f(x) from a point (a box of points).
 
     The inputs come first, with coefficients 0 … order; the values have 0 … order − 1 (a SOLVE a list of entries each).
@@ -155,7 +155,7 @@ def all_series(program: Program, start: Sequence[Ball], order: int) -> list[Any]
     return series
 
 
-def extend(program: Program, series: list[Any], order: int) -> None:
+def extend(program: Code, series: list[Any], order: int) -> None:
     """Append the coefficients 0 … order − 1 of a program's values to the inputs' coefficients, which are there.
 
     Raises:
@@ -169,7 +169,7 @@ def extend(program: Program, series: list[Any], order: int) -> None:
     series[: program.inputs] = given
 
 
-def _extend(program: Program, series: list[Any], degree: int, inverses: Memory) -> None:
+def _extend(program: Code, series: list[Any], degree: int, inverses: Memory) -> None:
     for item in program.instructions:
         _advance(item, degree, series, inverses)
 
@@ -177,21 +177,21 @@ def _extend(program: Program, series: list[Any], degree: int, inverses: Memory) 
 def _advance(item: Instruction, degree: int, series: list[Any], inverses: Memory) -> None:
     """Append the coefficient of one degree to one value."""
     a, b = item.a, item.b
-    if item.kind == programs.MULTIPLY:
+    if item.kind == instructions.MULTIPLY:
         result = sum(map(mul, series[a], reversed(series[b])))
-    elif item.kind == programs.ADD:
+    elif item.kind == instructions.ADD:
         result = series[a][degree] + series[b][degree]
-    elif item.kind == programs.SUBTRACT:
+    elif item.kind == instructions.SUBTRACT:
         result = series[a][degree] - series[b][degree]
-    elif item.kind == programs.SCALE:
+    elif item.kind == instructions.SCALE:
         result = item.constant * series[a][degree]
-    elif item.kind in (programs.SINE, programs.COSINE):
+    elif item.kind in (instructions.SINE, instructions.COSINE):
         result = _trigonometric(item, degree, series)
-    elif item.kind == programs.GAIN:
+    elif item.kind == instructions.GAIN:
         result = _composed(a, b, degree, series, inverses)
-    elif item.kind == programs.PART:
+    elif item.kind == instructions.PART:
         result = series[a][degree][b]
-    elif item.kind == programs.SOLVE:
+    elif item.kind == instructions.SOLVE:
         result = _solution(item, degree, series, inverses)
     else:
         result = item.constant if degree == 0 else ball(0)
@@ -202,9 +202,9 @@ def _trigonometric(item: Instruction, degree: int, series: list[Any]) -> Ball:
     """From s′ = c a′ and c′ = −s a′."""
     angle, other = series[item.a], series[item.b]
     if degree == 0:
-        return angle[0].sin() if item.kind == programs.SINE else angle[0].cos()
+        return angle[0].sin() if item.kind == instructions.SINE else angle[0].cos()
     total = sum(j * angle[j] * other[degree - j] for j in range(1, degree + 1))
-    return total / (degree if item.kind == programs.SINE else -degree)
+    return total / (degree if item.kind == instructions.SINE else -degree)
 
 
 def _composed(a: int, order: int, degree: int, series: list[Any], known: Memory) -> Ball:

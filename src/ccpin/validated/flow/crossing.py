@@ -27,7 +27,7 @@ from ccpin.validated.flow.regularity import signed_determinant
 from ccpin.validated.flow.step import ProvenStep
 from ccpin.validated.loop_equations import ClosedLoopEquations
 from ccpin.validated.model.closed_loop import ClosedLoop, recorded_loop
-from ccpin.validated.model.recorded_coordinates import configuration
+from ccpin.validated.model.configurations import configuration
 
 _HALVINGS = 60  # of one step's time, where signs are proved that long
 

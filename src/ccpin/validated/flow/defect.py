@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from operator import mul
 from typing import Any, NamedTuple
 
-from ccpin.validated.arithmetic import programs
+from ccpin.programs import instructions
+from ccpin.programs.instructions import Code, Instruction
 from ccpin.validated.arithmetic.balls import Ball, around, ball, flint, gain, inverse, magnitude
-from ccpin.validated.arithmetic.programs import Instruction, Program
 from ccpin.validated.arithmetic.series import NotInvertibleError, extend
 
 
@@ -35,7 +35,7 @@ class _Bound(NamedTuple):
         return self.tails[0]
 
 
-def defect_along(program: Program, series: Sequence[Any], length: Ball) -> list[Ball]:
+def defect_along(program: Code, series: Sequence[Any], length: Ball) -> list[Ball]:
     """Bounds of |p′ − f(p)| on [0, h], by component.
 
     Args:
@@ -50,7 +50,7 @@ def defect_along(program: Program, series: Sequence[Any], length: Ball) -> list[
     return [run.bounds[number].rest for number in program.outputs]
 
 
-def sizes_along(program: Program, polynomial: Sequence[Sequence[Ball]], length: Ball) -> list[Ball]:
+def sizes_along(program: Code, polynomial: Sequence[Sequence[Ball]], length: Ball) -> list[Ball]:
     """Bounds of a program's outputs along a polynomial p of its inputs on [0, h].
 
     Raises:
@@ -69,7 +69,7 @@ class _AlongPolynomial:
         self.bounds: list[Any] = [None] * len(series)
 
     @classmethod
-    def over(cls, program: Program, series: Sequence[Any], length: Ball) -> _AlongPolynomial:
+    def over(cls, program: Code, series: Sequence[Any], length: Ball) -> _AlongPolynomial:
         """All values of a program bounded."""
         order = len(series[0]) - 1
         powers = [ball(1)]
@@ -92,29 +92,29 @@ class _AlongPolynomial:
 
     def visit(self, item: Instruction) -> None:
         """Bound one value."""
-        if item.kind == programs.SOLVE:
+        if item.kind == instructions.SOLVE:
             self.bounds[item.target] = self.solution(item)
             return
-        if item.kind == programs.PART:
+        if item.kind == instructions.PART:
             self.bounds[item.target] = self.bounds[item.a][item.b]
             return
         self.bounds[item.target] = self.bound(self.series[item.target], self.rest(item))
 
     def rest(self, item: Instruction) -> Ball:
         """ω of a value that is not the solution of a linear system: the lemma's 1 and 2, sums and multiples."""
-        if item.kind in (programs.ADD, programs.SUBTRACT):
+        if item.kind in (instructions.ADD, instructions.SUBTRACT):
             return self.bounds[item.a].rest + self.bounds[item.b].rest
-        if item.kind == programs.SCALE:
+        if item.kind == instructions.SCALE:
             return magnitude(item.constant) * self.bounds[item.a].rest
-        if item.kind == programs.MULTIPLY:
+        if item.kind == instructions.MULTIPLY:
             a, b = self.bounds[item.a], self.bounds[item.b]
             return _tail(a, b) + a.size * b.rest + b.size * a.rest + a.rest * b.rest
-        if item.kind in (programs.SINE, programs.COSINE):
+        if item.kind in (instructions.SINE, instructions.COSINE):
             pair = zip(self.series[item.target], self.series[item.b], strict=True)
             both = self.bound([magnitude(s) + magnitude(c) for s, c in pair], ball(0))
             angle = self.bounds[item.a]
             return _tail(angle, both) + angle.rest
-        if item.kind == programs.GAIN:
+        if item.kind == instructions.GAIN:
             return self.composed(item)
         return ball(0)
 

@@ -26,7 +26,7 @@ from ccpin.validated.flow.step import ProvenStep, start_box
 from ccpin.validated.flow.step_claim import step_of
 from ccpin.validated.loop_equations import ClosedLoopEquations
 from ccpin.validated.model.closed_loop import ClosedLoop
-from ccpin.validated.model.recorded_coordinates import configuration
+from ccpin.validated.model.configurations import configuration
 
 
 class StateBox(NamedTuple):

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
 
+from ccpin.programs.instructions import Code
 from ccpin.validated.arithmetic.balls import Ball, magnitude, upper
-from ccpin.validated.arithmetic.programs import Program
 from ccpin.validated.arithmetic.series import NotInvertibleError
 from ccpin.validated.flow.step import SINGULAR, ProvenStep, Start, start_of
 
@@ -43,7 +43,7 @@ class SteppedField(Protocol):
     """What is integrated, and who proves its steps: of a closed loop `ProvedSteps`."""
 
     @property
-    def program(self) -> Program:
+    def program(self) -> Code:
         """f."""
 
     def series(self, start: Start, order: int) -> Sequence[Any]:

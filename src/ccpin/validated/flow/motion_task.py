@@ -19,7 +19,7 @@ from ccpin.validated.flow.marching import QUANTUM, StepOptions
 from ccpin.validated.flow.motion_claim import MotionEnclosed
 from ccpin.validated.flow.start_search import proved_start
 from ccpin.validated.model.closed_loop import ClosedLoop, recorded_loop
-from ccpin.validated.model.recorded_coordinates import on_manifold, unwound
+from ccpin.validated.model.configurations import on_manifold, unwound
 
 
 class MotionAsked(NamedTuple):

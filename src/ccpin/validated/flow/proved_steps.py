@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ccpin.programs.instructions import Code
 from ccpin.proof.facts import NotProvedError, prove
 from ccpin.validated.arithmetic.exact_numbers import ExactBox, exact_box
-from ccpin.validated.arithmetic.programs import Program
 from ccpin.validated.flow.step import ProvenStep, Start
 from ccpin.validated.flow.step_claim import StepEnclosed, series_from, step_of
 from ccpin.validated.loop_equations import ClosedLoopEquations
@@ -29,7 +29,7 @@ class ProvedSteps(NamedTuple):
     missing: Callable[[ProvenStep], str] = lambda _: ""
 
     @property
-    def program(self) -> Program:
+    def program(self) -> Code:
         """f."""
         return self.loop.field
 

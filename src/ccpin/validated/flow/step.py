@@ -10,9 +10,9 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+from ccpin.programs.instructions import Code
 from ccpin.proof.facts import Fact
 from ccpin.validated.arithmetic.balls import Ball, around, ball, finite, flint, magnitude, upper
-from ccpin.validated.arithmetic.programs import Program
 from ccpin.validated.arithmetic.series import NotInvertibleError, gradients
 from ccpin.validated.flow.defect import defect_along
 
@@ -66,7 +66,7 @@ class WatchedField(NamedTuple):
         missing: What else is not proven on a box, in words.
     """
 
-    program: Program
+    program: Code
     quantity: Quantity
     missing: Callable[[Sequence[Ball]], str] = lambda _: ""
 
@@ -136,7 +136,7 @@ def attempt(field: WatchedField, start: Start, series: Sequence[Any], length: fl
 
 
 def _piece(
-    program: Program, path: list[Ball], error: list[Ball], added: list[Ball], share: Ball
+    program: Code, path: list[Ball], error: list[Ball], added: list[Ball], share: Ball
 ) -> tuple[list[Ball], list[Ball], list[Ball]]:
     """One piece: the box p ± ē, ē, and e at its end (the theorem's 3 and 4).
 

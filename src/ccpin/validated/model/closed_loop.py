@@ -3,7 +3,7 @@
     ẋ = Γ(x) ρ(x) q̇ (13),    d/dt q̇ = D⁻¹(τ − ρᵀ(D′b + C′q̇′ + B′q̇′ + g′)) (22),
     b = ρ̇q̇ = −ψ_q′⁻¹[φ̇_q′ q̇′; α̇_q′ q̇′] (35),
 
-with x the numbers that hold q′ (`ccpin.validated.model.recorded_coordinates`; ẋ = Γ q̇′), τ the law's generalized force,
+with x the numbers that hold q′ (`recorded_coordinates`; ẋ = Γ q̇′), τ the law's generalized force,
 B′ the joints' dampers, springs in g′ and no dry friction. What is invariant along it, and what becomes of redundant
 rows of φ, is in `ccpin/proof/theorems/enclosure.md`: where φ has more rows than its rank m, ψ_q′ is of m rows that are
 independent at the start, and `Enclosure.left_open` bounds the others along the motion.
@@ -21,20 +21,30 @@ from ccpin.arrays import Array
 from ccpin.control.control_law import ControlLaw, idle, stated
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.kinematics.tree import Tree
-from ccpin.proof.digests import Part, digest, require_same
-from ccpin.validated.arithmetic.balls import rational
-from ccpin.validated.arithmetic.tape import Expression, Tape
-from ccpin.validated.loop_equations import ClosedLoopEquations
-from ccpin.validated.model.ball_joints import BallAngle, BallTurn, ball_at, turn_rates, turn_rows, turns_of
-from ccpin.validated.model.recorded_coordinates import layout_of, numbers_of
-from ccpin.validated.model.recorded_forces import closure_terms, dynamic_terms, with_springs
-from ccpin.validated.model.recorded_laws import (
+from ccpin.programs.recording.ball_joints import BallAngle, BallTurn, ball_at, turn_rates, turn_rows, turns_of
+from ccpin.programs.recording.recorded_coordinates import layout_of, numbers_of
+from ccpin.programs.recording.recorded_forces import closure_terms, dynamic_terms, with_springs
+from ccpin.programs.recording.recorded_laws import (
     efforts,
     law_terms,
     require_sampled,
     transmission,
 )
-from ccpin.validated.model.recorded_tree import ExactJoint, Table, closure_rows, exact, exact_joints, poses, rates
+from ccpin.programs.recording.recorded_tree import (
+    ExactJoint,
+    Table,
+    closure_rows,
+    exact,
+    exact_joints,
+    poses,
+    rates,
+    rational,
+)
+from ccpin.programs.tape import Expression, Tape
+from ccpin.proof.digests import Part, digest, require_same
+from ccpin.validated.arithmetic.balls import ball
+from ccpin.validated.arithmetic.programs import constant, in_balls
+from ccpin.validated.loop_equations import ClosedLoopEquations, Upright, Wrapped
 
 
 class ClosedLoop(NamedTuple):
@@ -98,10 +108,10 @@ def recorded_loop(
     table = np.vstack([rates(tape, joints, x), turn_rates(tape, turns, x, mechanism.n_free)])
     motion = closure_terms(tape, phi, (x, v), table, q)
     frames = poses(tape, joints, x)
-    terms = dynamic_terms(mechanism.tree, joints, frames, motion, (x, v), exact(model.gravity_vector))
+    terms = dynamic_terms(tape, mechanism.tree, joints, frames, motion, (x, v), exact(model.gravity_vector))
     sprung = _sprung(joints, mechanism.tree, about)
     terms = with_springs(tape, terms, mechanism.tree, sprung, x, motion.rho)
-    does = law_terms(law, q, x, v, terms, about)
+    does = law_terms(tape, law, q, (x, v), terms, about)
     across = transmission(model, motion.rho)
     wanted = efforts(tape, across, does.force) if told is not None and not told.idle else []
     force = does.force if not held else u if across is None else across @ u
@@ -113,19 +123,26 @@ def recorded_loop(
         n_x,
         n,
         q.places,
-        field=tape.program([*motion.x_rate, *acceleration, *still], () if held else wanted),
-        closure=tape.program([*phi, *_unit_lengths(joints, x, dependent), *turn_rows(tape, turns, x)]),
-        jacobian=tape.program(motion.jacobian.ravel()),
-        drift=tape.program([*motion.x_rate, *[0] * n, *still]),
-        energies=tape.program([terms.kinetic, terms.potential]),
-        left_out=tape.program([rows[k] for k in others]) if others else None,
-        lyapunov=None if does.lyapunov is None else tape.program([does.lyapunov]),
-        efforts=tape.program(list(wanted)) if held else None,
-        wrapped=does.wrapped,
-        upright=tuple(ball.upright for ball in balls),
+        field=in_balls(tape, [*motion.x_rate, *acceleration, *still], () if held else wanted),
+        closure=in_balls(tape, [*phi, *_unit_lengths(joints, x, dependent), *turn_rows(tape, turns, x)]),
+        jacobian=in_balls(tape, motion.jacobian.ravel()),
+        drift=in_balls(tape, [*motion.x_rate, *[0] * n, *still]),
+        energies=in_balls(tape, [terms.kinetic, terms.potential]),
+        left_out=in_balls(tape, [rows[k] for k in others]) if others else None,
+        lyapunov=None if does.lyapunov is None else in_balls(tape, [does.lyapunov]),
+        efforts=in_balls(tape, list(wanted)) if held else None,
+        wrapped=tuple(Wrapped(place, constant(tape, target)) for place, target in does.wrapped.items()),
+        upright=tuple(map(_upright, balls)),
         free=_freely_moved(model) if idle(law) and not turns and not others else "",
     )
     return ClosedLoop(equations, joints, about, q.scalar, turns)
+
+
+def _upright(turn: BallTurn) -> Upright:
+    """That a ball is turned by less than half a turn, which the programs rest on."""
+    entries = [ball(float(entry)) for entry in turn.reference]
+    length = sum((entry * entry for entry in entries), ball(0)).sqrt()
+    return Upright(turn.joint.x.stop - 4, tuple(entry / length for entry in entries))
 
 
 def _freely_moved(model: ReducedModel) -> str:
@@ -154,9 +171,9 @@ def _sprung(joints: Sequence[ExactJoint], tree: Tree, near: Array) -> list[Exact
 
 def _unit_lengths(joints: tuple[ExactJoint, ...], x: Table, dependent: tuple[int, ...]) -> list[Expression]:
     """½(|p|² − 1) of the quaternions p among the dependent numbers."""
-    found = list[Expression]()
+    found, half = list[Expression](), rational(0.5)
     for joint in joints:
         if joint.kind.unit == 4 and joint.x.stop - 1 in dependent:
             p = x[joint.x][-4:]
-            found.append(rational(0.5) * (p @ p) - rational(0.5))
+            found.append((p @ p) * half - half)
     return found

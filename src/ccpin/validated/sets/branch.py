@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Mask
+from ccpin.programs.instructions import Code
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, inverse, raised, stacked, zeros
 from ccpin.validated.arithmetic.jets import Jet, jets_over, narrowed
-from ccpin.validated.arithmetic.programs import Program
 from ccpin.validated.arithmetic.series import NotInvertibleError
 from ccpin.validated.loop_equations import ClosedLoopEquations
 
@@ -166,7 +166,7 @@ def _write(whole: BallArray, rows: list[int], part: BallArray) -> None:
         numbers[:, rows] = found.reshape(len(found), len(rows), *numbers.shape[2:])
 
 
-def jets_of(states: ClosedStates, loop: ClosedLoopEquations, program: Program) -> Jets:
+def jets_of(states: ClosedStates, loop: ClosedLoopEquations, program: Code) -> Jets:
     """A program's jets over the boxes along s = (q, the rest of its inputs).
 
     Raises:

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
+from ccpin.programs.instructions import Code
 from ccpin.validated.arithmetic.ball_arrays import BallArray, hull, joined, raised, zeros
 from ccpin.validated.arithmetic.balls import centre_of
 from ccpin.validated.arithmetic.jets import Jet, jets_over
-from ccpin.validated.arithmetic.programs import Program
 from ccpin.validated.arithmetic.series import NotInvertibleError
 from ccpin.validated.loop_equations import HALF_A_TURN, ClosedLoopEquations
 from ccpin.validated.sets.branch import ClosedStates, Jets, closed_boxes, jets_of, nearly_closed, states_of
@@ -197,7 +197,7 @@ def _states(loop: ClosedLoopEquations, q_free: BallArray, rest: BallArray, reach
         raise UnboundedError(_REGULAR) from None
 
 
-def _jets(states: ClosedStates, loop: ClosedLoopEquations, program: Program) -> Jets:
+def _jets(states: ClosedStates, loop: ClosedLoopEquations, program: Code) -> Jets:
     try:
         return jets_of(states, loop, program)
     except NotInvertibleError:

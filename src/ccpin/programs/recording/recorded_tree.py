@@ -5,7 +5,7 @@ as exact numbers, with two exceptions that make it a rigid-body system exactly. 
 rotation of its quaternion (for the signed permutation within 1e-14 of it, where there is one); an axis for its exact
 unit vector. Both differ from the doubles by rounding only.
 
-A configuration is held by numbers x, joint by joint (`ccpin.validated.model.recorded_coordinates`): those of q′, but of
+A configuration is held by numbers x, joint by joint (`recorded_coordinates`): those of q′, but of
 a circle the angle alone. A quaternion p stays four numbers, of which R(p) is a polynomial. With ω the turn's velocity
 in its own axes ṗ = ½ p ⊗ ω, so that |p|² stays 1; ẋ = Γ(x) q̇′, Γ the identity but for turns about several axes and for
 slides ahead of a turn, whose velocities are counted in the turned axes.
@@ -16,6 +16,7 @@ Vectors and matrices of expressions are NumPy arrays of objects; a factor that i
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from fractions import Fraction
 from operator import matmul
 from typing import Any, NamedTuple
 
@@ -29,8 +30,7 @@ from ccpin.description.joint_kinds import JointKind
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.loops import ResolvedClosure, ResolvedCoupling
 from ccpin.kinematics.tree import Tree
-from ccpin.validated.arithmetic.balls import flint, rational
-from ccpin.validated.arithmetic.tape import Expression, Tape
+from ccpin.programs.tape import Expression, Tape
 
 Table = Any  # an array of expressions: mypy knows no arithmetic of arrays of objects
 _SNAP = 1e-14  # of an entry: this near to −1, 0 and 1 a rotation is by quarter turns
@@ -43,7 +43,7 @@ class ExactJoint(NamedTuple):
         number: Its number in the model (the world is 0).
         parent: The parent joint's number.
         kind: What it moves.
-        axes: Unit axes of its steps in its own frame, of shape (nv, 3).
+        axes: The directions of its steps' axes in its own frame, of shape (nv, 3); of about unit length.
         placement: Its frame in the parent's, of shape (4, 4).
         q, v, x: Where it stands in q′, q̇′ and x.
     """
@@ -68,11 +68,16 @@ def exact_joints(tree: Tree) -> tuple[ExactJoint, ...]:
     found, first = list[ExactJoint](), 0
     for j in tree.joints:
         last = first + j.kind.nq - (j.kind.unit == 2)
-        axes = np.array([_unit_vector(axis) for axis in j.kind.directions(j.axis)], dtype=object)
+        axes = exact(j.kind.directions(j.axis))
         place = slice(first, last)
         found.append(ExactJoint(j.number, j.parent, j.kind, axes, exact_placement(j.placement), j.q, j.v, place))
         first = last
     return tuple(found)
+
+
+def rational(value: float) -> Fraction:
+    """The exact value of a finite double."""
+    return Fraction(float(value))
 
 
 def exact(values: ArrayLike) -> Table:
@@ -87,14 +92,9 @@ def exact_placement(placement: Array) -> Table:
     return frame
 
 
-def _unit_vector(values: Array) -> Table:
-    """v/|v|: exact where |v| = 1 exactly, else in balls."""
-    vector = exact(values)
-    square = vector @ vector
-    if square == 1:
-        return vector
-    length = flint().arb(square).sqrt()
-    return np.array([flint().arb(entry) / length if entry else entry for entry in vector], dtype=object)
+def unit_axes(tape: Tape, joint: ExactJoint) -> Table:
+    """v/|v| of its axes v, of shape (nv, 3): rational where |v| is."""
+    return np.array([axis * tape.reciprocal(tape.root(axis @ axis)) for axis in joint.axes], dtype=object)
 
 
 def _exact_rotation(matrix: Array) -> Table:
@@ -132,7 +132,7 @@ def _motion(tape: Tape, joint: ExactJoint, x: Table) -> Table:
     """The frame after a joint's own motion in that before it, of shape (4, 4): slides, then turns."""
     motion = np.eye(4, dtype=object)
     plain = len(x) - (4 if joint.kind.unit == 4 else 0)
-    for axis, slides, value in zip(joint.axes[:plain], joint.kind.slides, x, strict=False):
+    for axis, slides, value in zip(unit_axes(tape, joint)[:plain], joint.kind.slides, x, strict=False):
         if slides:
             motion[:3, 3] = motion[:3, 3] + axis * value
         else:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,12 +13,10 @@ from ccpin.control.control_law import ControlLaw, stated
 from ccpin.control.statements import Statement
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.validated.arithmetic.balls import ball, flint
-from ccpin.validated.arithmetic.tape import Expression, Tape
-from ccpin.validated.loop_equations import Wrapped
-from ccpin.validated.model.recorded_coordinates import StateLayout, unwound
-from ccpin.validated.model.recorded_forces import DynamicTerms
-from ccpin.validated.model.recorded_tree import Table, exact
+from ccpin.programs.recording.recorded_coordinates import StateLayout
+from ccpin.programs.recording.recorded_forces import DynamicTerms
+from ccpin.programs.recording.recorded_tree import Table, exact, rational
+from ccpin.programs.tape import Expression, Tape
 
 
 class LawTerms(NamedTuple):
@@ -25,15 +25,17 @@ class LawTerms(NamedTuple):
     Attributes:
         force: The generalized force ρᵀSᵀu, of shape (n,).
         lyapunov: 𝒱 + V(q_d) with the law's own g(q_d), or ``None``.
-        wrapped: The angles it reads on circles.
+        wrapped: Of angles that it reads on circles, by their place in x: q_d's, less than half a turn away.
     """
 
     force: Table
     lyapunov: Expression | None
-    wrapped: tuple[Wrapped, ...]
+    wrapped: dict[int, Expression]
 
 
-def law_terms(law: ControlLaw | None, q: StateLayout, x: Table, v: Table, terms: DynamicTerms, near: Array) -> LawTerms:
+def law_terms(
+    tape: Tape, law: ControlLaw | None, q: StateLayout, state: tuple[Table, Table], terms: DynamicTerms, near: Array
+) -> LawTerms:
     """A law's force; angles on circles are counted from the numbers `near`.
 
     Where motors do not sit on the independent joints, the laws' u has ρᵀSᵀu = this force wherever ρᵀSᵀ has full rank.
@@ -41,39 +43,49 @@ def law_terms(law: ControlLaw | None, q: StateLayout, x: Table, v: Table, terms:
     Raises:
         UnsupportedMechanismError: Another law.
     """
-    told = stated(law)
+    told, (x, v) = stated(law), state
     if told is not None and told.idle:
-        return LawTerms(np.zeros(len(v), dtype=object), None, ())
+        return LawTerms(np.zeros(len(v), dtype=object), None, {})
     if told is None or not told.holds or told.kind not in ("pd", "pd_gravity"):
         raise UnsupportedMechanismError(
-            f"validated integration knows PDSimpleGravity, PDFullGravity and no torque, not {type(law).__name__}"
+            f"programs and enclosures know PDSimpleGravity, PDFullGravity and no torque, not {type(law).__name__}"
         )
-    goal, wrapped = _goal(told, q, near)
+    goal, wrapped = _goal(tape, told, q, near)
     error = goal - x[list(q.places)]
     spring = exact(told.K_p) @ error
     force = spring - exact(told.K_v) @ v
     if told.kind == "pd_gravity":
         return LawTerms(force + terms.gravity, None, wrapped)
     constant = exact(told.constant)
-    half = flint().fmpq(1, 2)
+    half = rational(0.5)
     stored = error @ constant + half * (error @ spring)
     return LawTerms(force + constant, terms.kinetic + terms.potential + stored, wrapped)
 
 
-def _goal(law: Statement, q: StateLayout, near: Array) -> tuple[Table, tuple[Wrapped, ...]]:
+def _goal(tape: Tape, law: Statement, q: StateLayout, near: Array) -> tuple[Table, dict[int, Expression]]:
     """q_d in the numbers of q, exact."""
     assert law.model is not None  # a set-point law has both
     assert law.reference is not None
-    goal, wrapped = list[Any](), list[Wrapped]()
+    goal, wrapped = list[Any](), dict[int, Expression]()
     for part in law.model.coordinates.parts:
         values = exact(law.reference.start[part.q]).tolist()
         if len(goal) in q.circles:
             place = q.places[len(goal)]
-            angle = ball(values[0]) if len(values) == 1 else flint().arb.atan2(ball(values[1]), ball(values[0]))
-            values = [unwound(angle, float(near[place]))]
-            wrapped.append(Wrapped(place, values[0]))
+            wrapped[place] = _angle(tape, values, float(near[place]))
+            values = [wrapped[place]]
         goal += values
-    return np.array(goal, dtype=object), tuple(wrapped)
+    return np.array(goal, dtype=object), wrapped
+
+
+def _angle(tape: Tape, values: list[Fraction], near: float) -> Expression:
+    """An angle, or that of a point (cosine, sine), less the whole turns that bring it within half a turn of another."""
+    angle, about = (values[0], float(values[0])) if len(values) == 1 else (tape.angle(*values[::-1]), _turned(*values))
+    turns = round((near - about) / math.tau)
+    return angle + tape.angle(0, -1) * (2 * turns) if turns else angle
+
+
+def _turned(cosine: Fraction, sine: Fraction) -> float:
+    return math.atan2(float(sine), float(cosine))
 
 
 def transmission(model: ReducedModel, rho: Table) -> Table | None:

@@ -18,10 +18,8 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.kinematics.coordinates import IndependentCoordinates
-from ccpin.validated.arithmetic.balls import Ball, ball, rational
-from ccpin.validated.arithmetic.tape import Expression, Tape
-from ccpin.validated.loop_equations import Upright
-from ccpin.validated.model.recorded_tree import ExactJoint, Table
+from ccpin.programs.recording.recorded_tree import ExactJoint, Table, exact, rational
+from ccpin.programs.tape import Expression, Tape
 
 
 class BallTurn(NamedTuple):
@@ -29,23 +27,21 @@ class BallTurn(NamedTuple):
 
     Attributes:
         joint: The joint.
-        reference: The unit quaternion it is counted from, with the sign for which w > 0 where it was recorded.
+        reference: A quaternion of doubles whose direction is that of the unit one it is counted from, of the sign for
+            which w > 0 where it was recorded; of shape (4,).
     """
 
     joint: ExactJoint
-    reference: tuple[Ball, ...]
+    reference: Array
 
-    def relative(self, x: Table) -> tuple[Table, Expression]:
+    def relative(self, tape: Tape, x: Table) -> tuple[Table, Expression]:
         """A and w at the numbers x."""
-        (a, b, c, s), p = self.reference, list(x[self.joint.x.stop - 4 : self.joint.x.stop])
+        stated = exact(self.reference)
+        a, b, c, s = stated * tape.reciprocal(tape.root(stated @ stated))
+        p = list(x[self.joint.x.stop - 4 : self.joint.x.stop])
         rows = (s, c, -b, -a), (-c, s, a, -b), (b, -a, s, -c), (a, b, c, s)
         *vector, cosine = (sum(k * e for k, e in zip(row, p, strict=True)) for row in rows)
         return np.array(vector, dtype=object), cosine
-
-    @property
-    def upright(self) -> Upright:
-        """That it is less than half a turn, which the programs rest on."""
-        return Upright(self.joint.x.stop - 4, self.reference)
 
 
 class BallAngle(NamedTuple):
@@ -58,10 +54,8 @@ class BallAngle(NamedTuple):
 
 def ball_at(joint: ExactJoint, reference: Array, near: Array) -> BallTurn:
     """The turn of a joint from a quaternion of doubles (the unit one nearest to it), about numbers near."""
-    entries = [ball(float(x)) for x in reference]
-    length = sum((x * x for x in entries), ball(0)).sqrt()
-    sign = 1 if float(near[joint.x.stop - 4 : joint.x.stop] @ reference) >= 0.0 else -1
-    return BallTurn(joint, tuple(x * sign / length for x in entries))
+    sign = 1.0 if float(near[joint.x.stop - 4 : joint.x.stop] @ reference) >= 0.0 else -1.0
+    return BallTurn(joint, sign * reference)
 
 
 def turns_of(coordinates: IndependentCoordinates, joints: Sequence[ExactJoint], near: Array) -> tuple[BallAngle, ...]:
@@ -79,7 +73,7 @@ def turn_rows(tape: Tape, turns: Sequence[BallAngle], x: Table) -> list[Expressi
     """r_k − g(w) a_k."""
     rows = []
     for turn in turns:
-        vector, cosine = turn.ball.relative(x)
+        vector, cosine = turn.ball.relative(tape, x)
         rows.append(x[turn.place] - tape.gain(tape.node(cosine)) * vector[turn.axis])
     return rows
 
@@ -89,7 +83,7 @@ def turn_rates(tape: Tape, turns: Sequence[BallAngle], x: Table, n_free: int) ->
     table = np.zeros((len(turns), n_free), dtype=object)
     half = rational(0.5)
     for row, turn in zip(table, turns, strict=True):
-        (a, b, c), w = turn.ball.relative(x)
+        (a, b, c), w = turn.ball.relative(tape, x)
         k, cosine = turn.axis, tape.node(w)
         vector, gain = np.array([a, b, c], dtype=object), tape.gain(cosine)
         across = np.array([[0, -c, b], [c, 0, -a], [-b, a, 0]], dtype=object)[k]

@@ -1,37 +1,41 @@
 """Straight-line programs: a function written once with + − × sin cos and linear solves, then run over any numbers.
 
-The dynamics are recorded on a `Tape` as an expression graph in which constants are exact rationals (or balls) and
-vanish where they are 0 or 1; repeated expressions are recorded once. A planar mechanism written with 3-vectors
-thus costs what a planar one should. `ccpin.validated.arithmetic.series` runs the instructions over balls: values,
-gradients, Taylor coefficients along the solution of an equation.
+The dynamics are recorded on a `Tape` as an expression graph in which constants are exact rationals and vanish where
+they are 0 or 1; repeated expressions are recorded once. A planar mechanism written with 3-vectors thus costs what a
+planar one should. Constants that are no rationals (lengths of axes, angles of points) are recorded as what they are
+made of; whoever runs the instructions computes them once, in his arithmetic (`ccpin.programs.folding`).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
-from ccpin.validated.arithmetic.balls import ball, flint
-from ccpin.validated.arithmetic.programs import (
+from ccpin.programs.instructions import (
     ADD,
+    ANGLE,
     CONSTANT,
     COSINE,
     GAIN,
     INPUT,
     MULTIPLY,
     PART,
+    RECIPROCAL,
+    ROOT,
     SCALE,
     SINE,
     SOLVE,
     SUBTRACT,
+    Code,
     Instruction,
     LinearSystem,
-    Program,
 )
 
-Expression = Any  # a Node, or a constant: int, fmpq or arb
+Expression = Any  # a Node, or a constant: int or Fraction
 
 
 class Node:
@@ -72,7 +76,7 @@ class Tape:
 
     def node(self, value: Expression) -> Node:
         """The value as a node (a constant is recorded)."""
-        return value if isinstance(value, Node) else self._record(CONSTANT, constant=_number(value))
+        return value if isinstance(value, Node) else self._record(CONSTANT, constant=Fraction(value))
 
     def add(self, a: Expression, b: Expression) -> Expression:
         """The sum a + b."""
@@ -102,7 +106,7 @@ class Tape:
         inner = self.instructions[a.index]
         if inner.kind == SCALE:
             a, b = Node(self, inner.a), inner.constant * b
-        return a if b == 1 else self._record(SCALE, a.index, constant=_number(b))
+        return a if b == 1 else self._record(SCALE, a.index, constant=Fraction(b))
 
     def sincos(self, a: Node) -> tuple[Node, Node]:
         """Sine and cosine of a node."""
@@ -114,8 +118,24 @@ class Tape:
         return sine, self._record(COSINE, a.index, sine.index)
 
     def gain(self, cosine: Node, order: int = 0) -> Node:
-        """A derivative of g(w) = 2 arccos(w)/√(1 − w²), analytic for w > −1 (`ccpin.validated.model.ball_joints`)."""
+        """A derivative of g(w) = 2 arccos(w)/√(1 − w²), analytic for w > −1 (`recording.ball_joints`)."""
         return self._record(GAIN, cosine.index, order)
+
+    def root(self, a: Expression) -> Expression:
+        """√a, exact where it is rational."""
+        if isinstance(a, Node):
+            return self._record(ROOT, a.index)
+        square = Fraction(a)
+        root = Fraction(math.isqrt(square.numerator), math.isqrt(square.denominator))
+        return root if root * root == square else self._record(ROOT, self.node(square).index)
+
+    def reciprocal(self, a: Expression) -> Expression:
+        """1/a."""
+        return self._record(RECIPROCAL, a.index) if isinstance(a, Node) else 1 / Fraction(a)
+
+    def angle(self, sine: Expression, cosine: Expression) -> Node:
+        """The angle of the point (cosine, sine), whose distance from the origin may be any, in (−π, π]."""
+        return self._record(ANGLE, self.node(sine).index, self.node(cosine).index)
 
     def solve(self, matrix: Any, right: Any) -> Any:
         """A⁻¹B for A of shape (m, m): an array of nodes of B's shape (m, k)."""
@@ -135,16 +155,12 @@ class Tape:
             slopes[number] = self._slope(self.instructions[number], slopes, direction)
         return [slopes[e.index] if isinstance(e, Node) else 0 for e in expressions]
 
-    def program(self, outputs: Sequence[Expression], also: Sequence[Expression] = ()) -> Program:
-        """The instructions that outputs need, and those of values that are `also` to exist; constants as balls now."""
+    def code(self, outputs: Sequence[Expression], also: Sequence[Expression] = ()) -> Code:
+        """The instructions that outputs need, and those of values that are `also` to exist."""
         numbers = tuple(self.node(output).index for output in outputs)
         needed = self._ancestors([*numbers, *(self.node(value).index for value in also)], set())
-        kept = tuple(
-            item if item.constant is None else item._replace(constant=ball(item.constant))
-            for item in self.instructions
-            if item.target in needed and item.kind != INPUT
-        )
-        return Program(len(self.instructions), len(self.inputs), kept, numbers)
+        kept = tuple(item for item in self.instructions if item.target in needed and item.kind != INPUT)
+        return Code(len(self.instructions), len(self.inputs), kept, numbers)
 
     def _ancestors(self, stack: list[int], opaque: set[int]) -> set[int]:
         """What values depend on, themselves included, not looking behind instructions of opaque kinds."""
@@ -154,7 +170,7 @@ class Tape:
             if number not in found:
                 found.add(number)
                 item = self.instructions[number]
-                stack.extend(() if item.kind in opaque else _operands(item))
+                stack.extend(() if item.kind in opaque else item.operands)
         return found
 
     def _slope(self, item: Instruction, slopes: dict[int, Expression], direction: dict[int, Expression]) -> Expression:
@@ -163,7 +179,7 @@ class Tape:
 
         if item.kind == INPUT:
             return direction.get(item.target, 0)
-        if item.kind in (CONSTANT, SOLVE, PART):
+        if item.kind in (CONSTANT, SOLVE, PART, ROOT, RECIPROCAL, ANGLE):  # the last three are of constants
             return 0
         if item.kind == ADD:
             return slopes[item.a] + slopes[item.b]
@@ -184,7 +200,7 @@ class Tape:
 
     def _record(self, kind: int, a: Any = None, b: Any = None, constant: Any = None) -> Node:
         key = (kind, a, b, constant)
-        shareable = kind not in (SINE, COSINE, INPUT) and not isinstance(constant, flint().arb)
+        shareable = kind not in (SINE, COSINE, INPUT)
         if shareable and key in self._known:
             return self._known[key]
         node = Node(self, len(self.instructions))
@@ -197,17 +213,3 @@ class Tape:
 def is_zero(value: Expression) -> bool:
     """Whether an expression is the constant 0, exactly."""
     return not isinstance(value, Node) and bool(value == 0)
-
-
-def _number(value: Any) -> Any:
-    return flint().fmpq(value) if isinstance(value, int) else value
-
-
-def _operands(item: Instruction) -> list[int]:
-    if item.kind in (INPUT, CONSTANT):
-        return []
-    if item.kind == SOLVE:
-        return [number for table in item.b for row in table for number in row]
-    if item.kind in (SCALE, PART, GAIN):
-        return [item.a]
-    return [item.a, item.b]

@@ -1,4 +1,4 @@
-"""Numbers that hold a configuration in ball arithmetic: q′, but of every circle the angle alone.
+"""Numbers that hold a configuration in programs: q′, but of every circle the angle alone.
 
 With them every joint of one degree of freedom is one number, and y of φ(q, y) = 0 has as many numbers as there are
 equations: of the closures' rows, and of |p|² = 1 for every quaternion p in y.
@@ -13,11 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.joint_kinds import JointKind
 from ccpin.kinematics.coordinates import Coordinate, IndependentCoordinates
-from ccpin.validated.arithmetic.balls import Ball, ball, centre_of, flint
-from ccpin.validated.model.ball_joints import BallAngle
-from ccpin.validated.model.recorded_tree import ExactJoint
+from ccpin.programs.recording.ball_joints import BallAngle
+from ccpin.programs.recording.recorded_tree import ExactJoint
 
 
 class StateLayout(NamedTuple):
@@ -84,33 +82,7 @@ def numbers_of(
             held = [*held[:-2], angle]
         numbers += held
     for turn in turns:
-        joint, reference = turn.ball.joint, centre_of(turn.ball.reference)
-        numbers.append(float(joint.kind.rotation_vector(q_free[joint.q], reference)[turn.axis]))
+        joint, reference = turn.ball.joint, turn.ball.reference
+        unit = reference / np.linalg.norm(reference)
+        numbers.append(float(joint.kind.rotation_vector(q_free[joint.q], unit)[turn.axis]))
     return np.array(numbers)
-
-
-def on_manifold(kind: JointKind, held: Sequence[Ball]) -> list[Ball]:
-    """The numbers of an exact configuration of a joint: of a circle or quaternion the point nearest to its doubles."""
-    plain = list(held[: kind.nq - kind.unit])
-    if kind.unit == 2:
-        return [*plain, flint().arb.atan2(held[-1], held[-2])]
-    length = sum((x * x for x in held[len(plain) :]), ball(0)).sqrt()
-    return [*plain, *(x / length for x in held[len(plain) :])]
-
-
-def unwound(angle: Ball, near: float) -> Ball:
-    """An angle less the whole turns that bring it within about half a turn of another."""
-    turns = round((near - float(angle.mid())) / math.tau)
-    return angle + 2 * turns * flint().arb.pi()
-
-
-def configuration(joints: Sequence[ExactJoint], box: Sequence[Ball]) -> list[Ball]:
-    """The box of q′ of a box of numbers."""
-    held = list[Ball]()
-    for joint in joints:
-        part = list(box[joint.x])
-        if joint.kind.unit == 2:
-            sine, cosine = part[-1].sin_cos()
-            part = [*part[:-1], cosine, sine]
-        held += part
-    return held

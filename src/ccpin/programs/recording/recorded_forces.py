@@ -13,11 +13,10 @@ import numpy as np
 
 from ccpin.arrays import cross
 from ccpin.kinematics.tree import Tree
-from ccpin.validated.arithmetic.balls import rational
-from ccpin.validated.arithmetic.tape import Expression, Tape
-from ccpin.validated.model.ball_joints import BallTurn
-from ccpin.validated.model.recorded_coordinates import StateLayout
-from ccpin.validated.model.recorded_tree import ExactJoint, Table, exact
+from ccpin.programs.recording.ball_joints import BallTurn
+from ccpin.programs.recording.recorded_coordinates import StateLayout
+from ccpin.programs.recording.recorded_tree import ExactJoint, Table, exact, rational, unit_axes
+from ccpin.programs.tape import Expression, Tape
 
 
 class ClosureTerms(NamedTuple):
@@ -73,6 +72,7 @@ def closure_terms(
 
 
 def dynamic_terms(
+    tape: Tape,
     tree: Tree,
     joints: Sequence[ExactJoint],
     frames: dict[int, Table],
@@ -85,7 +85,7 @@ def dynamic_terms(
     n = len(v)
     mass, bias, weight = (np.zeros(shape, dtype=object) for shape in ((n, n), n, n))
     potential: Expression = 0
-    for joint, body in zip(joints, _body_rates(joints, frames, motion), strict=True):
+    for joint, body in zip(joints, _body_rates(tape, joints, frames, motion), strict=True):
         rotation, position = frames[joint.number][:3, :3], frames[joint.number][:3, 3]
         inertia = tree.model.inertias[joint.number]
         m, tensor, lever = rational(inertia.mass), exact(inertia.inertia), rotation @ exact(inertia.lever)
@@ -119,7 +119,7 @@ def with_springs(
         joint = each.joint if isinstance(each, BallTurn) else each
         stated = tree.joints[joint.number - 1].stated
         if isinstance(each, BallTurn):
-            vector, cosine = each.relative(x)
+            vector, cosine = each.relative(tape, x)
             stretch = vector * tape.gain(tape.node(cosine))
         else:
             stretch = np.array([x[joint.x.start] - rational(stated.spring_reference)], dtype=object)
@@ -145,7 +145,9 @@ class _BodyRates(NamedTuple):
     acceleration: Table
 
 
-def _body_rates(joints: Sequence[ExactJoint], frames: dict[int, Table], motion: ClosureTerms) -> list[_BodyRates]:
+def _body_rates(
+    tape: Tape, joints: Sequence[ExactJoint], frames: dict[int, Table], motion: ClosureTerms
+) -> list[_BodyRates]:
     """Every body's motion, by joint.
 
     With l and w a joint's own linear and angular velocity, P the parent and F the body,
@@ -157,7 +159,7 @@ def _body_rates(joints: Sequence[ExactJoint], frames: dict[int, Table], motion: 
     for joint in joints:
         omega, velocity, alpha, acceleration = found[joint.parent]
         arm = frames[joint.number][:3, 3] - frames[joint.parent][:3, 3]
-        axes = _axes(joint, frames)
+        axes = _axes(tape, joint, frames)
         turns = np.array(joint.kind.slides) == np.False_
         own, change = columns[joint.v], motion.bias[joint.v]
         slid, turned = (own[which].T @ axes[which] for which in (~turns, turns))
@@ -176,8 +178,8 @@ def _body_rates(joints: Sequence[ExactJoint], frames: dict[int, Table], motion: 
     return [found[joint.number] for joint in joints]
 
 
-def _axes(joint: ExactJoint, frames: dict[int, Table]) -> Table:
+def _axes(tape: Tape, joint: ExactJoint, frames: dict[int, Table]) -> Table:
     """A joint's axes in the world, of shape (nv, 3); those of plain steps are the same before and after they move."""
     if joint.turning_axes:
-        return joint.axes @ frames[joint.number][:3, :3].T
-    return joint.axes @ (frames[joint.parent][:3, :3] @ joint.placement[:3, :3]).T
+        return unit_axes(tape, joint) @ frames[joint.number][:3, :3].T
+    return unit_axes(tape, joint) @ (frames[joint.parent][:3, :3] @ joint.placement[:3, :3]).T

@@ -1,0 +1,1 @@
+"""Straight-line programs of the reduced model."""
