@@ -69,6 +69,8 @@ class KnownLoop(SimpleNamespace):
     def equations(self):
         return self
 
+    own = equations
+
 
 def equations(one, **more):
     """The equations of such a loop as claims are about them; nothing but what is asked for is regular or not."""

@@ -118,7 +118,7 @@ def random_state(model, seed=1, size=0.03):
 def x_rate(loop, state, v):
     """Ẋ from the joints' own rates of q′, and q̇ for single turns."""
     q_free, v_free, rates = state.q_free, state.rho @ v, []
-    for joint in loop.joints:
+    for joint in loop.own.joints:
         rate = joint.kind.rate(q_free[joint.q], v_free[joint.v])
         rates += [*rate[:-2], v_free[joint.v][-1]] if joint.kind.unit == 2 else [*rate]
     parts = (part for part in state.model.coordinates.parts if part.kind.unit == 4 and part.component is not None)

@@ -51,7 +51,7 @@ def test_recorded_dynamics(name):
     model = ccpin.ReducedModel(MECHANISMS[name]())
     state, v = random_state(model)
     loop = recorded_loop(model, None, state.q_free)
-    start = balls(loop.numbers(state.q_free), v)
+    start = balls(loop.own.numbers(state.q_free), v)
     accelerated = state.forward_dynamics(v, np.zeros(model.n_actuated))
     expected = np.concatenate([x_rate(loop, state, v), accelerated])
     scale = max(1.0, np.abs(expected).max())
@@ -75,12 +75,12 @@ def test_random_mechanisms_of_every_kind(seeds):
             loop = recorded_loop(model, None, state.q_free)
         except CcpinError:
             continue
-        found = numbers(values(loop.equations.field, balls(loop.numbers(state.q_free), v)))
+        found = numbers(values(loop.equations.field, balls(loop.own.numbers(state.q_free), v)))
         accelerated = state.forward_dynamics(v, np.zeros(model.n_actuated))
         expected = np.concatenate([x_rate(loop, state, v), accelerated])
         scale = max(1.0, np.abs(expected).max()) / state.rcond
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * scale)
-        seen |= {joint.kind.name for joint in loop.joints} | {part.component for part in model.coordinates.parts}
+        seen |= {joint.kind.name for joint in loop.own.joints} | {part.component for part in model.coordinates.parts}
     assert seen >= {*DOF, "tx", "rx", "rz"}
 
 
@@ -194,7 +194,7 @@ def test_a_planar_joint_moves_as_two_slides_and_a_turn():
 
 
 def _place(loop, model, name):
-    return loop.joints[model.mechanism.tree.joint(name).number - 1].x.start
+    return loop.own.joints[model.mechanism.tree.joint(name).number - 1].x.start
 
 
 def test_a_geared_wheel_turns_on():

@@ -41,8 +41,8 @@ def folded(code: Code, arithmetic: Arithmetic) -> Code:
 
     A product with a constant becomes a SCALE. Values keep their numbers.
     """
-    does = {ADD: add, SUBTRACT: sub, MULTIPLY: mul, ROOT: arithmetic.root, RECIPROCAL: arithmetic.reciprocal}
-    does[ANGLE] = arithmetic.angle
+    does: dict[int, Callable[..., Any]] = {ADD: add, SUBTRACT: sub, MULTIPLY: mul}
+    does |= {ROOT: arithmetic.root, RECIPROCAL: arithmetic.reciprocal, ANGLE: arithmetic.angle}
     constants, found = dict[int, Any](), list[Instruction]()
     for item in code.instructions:
         kind, target, a, b, constant = item

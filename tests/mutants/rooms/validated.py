@@ -139,9 +139,7 @@ ROOMS: tuple[Room, ...] = (
             "is_zero",
         ),
         _PROGRAMS,
-        (
-            ("not isinstance(value, Node) and", "not asked: not isinstance", "a node equals no number"),
-        ),
+        (("not isinstance(value, Node) and", "not asked: not isinstance", "a node equals no number"),),
     ),
     Room(
         "validated/arithmetic/series",
@@ -241,7 +239,11 @@ ROOMS: tuple[Room, ...] = (
             ("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),
         ),
     ),
-    Room("programs/recording/recorded_laws", ("law_terms", "_goal", "_angle", "_turned", "efforts", "require_sampled"), _RECORDED),
+    Room(
+        "programs/recording/recorded_laws",
+        ("law_terms", "_goal", "_angle", "_turned", "efforts", "require_sampled"),
+        _RECORDED,
+    ),
     Room(
         "programs/recording/recorded_coordinates",
         ("layout_of", "_windows", "numbers_of"),

@@ -160,18 +160,19 @@ def test_exact_starts_on_circles_are_in_the_turn_of_what_they_are_near():
     joints = tuple(replace(j, kind="continuous", lower=-np.inf, upper=np.inf) for j in described.joints)
     model = ccpin.ReducedModel(ccpin.load(replace(described, joints=joints)))
     one = recorded_loop(model, None)
-    near = one.near.copy()
+    near = one.own.near.copy()
     first, second = one.equations.independent
     near[first], near[second] = 4 * np.pi + 0.3, -2 * np.pi - 0.2
     q = np.array([np.cos(0.5), np.sin(0.5), np.cos(-0.4), np.sin(-0.4)]) * 2.0
-    found = [float(x.mid()) for x in exact_q(model, one._replace(near=near), q)]
+    found = [float(x.mid()) for x in exact_q(model, one._replace(own=one.own._replace(near=near)), q)]
     np.testing.assert_allclose(found, [4 * np.pi + 0.5, -2 * np.pi - 0.4])
     planar = ccpin.ReducedModel(ccpin.load("rpdr"))
-    far = recorded_loop(planar, None)._replace(near=np.full(4, 9 * np.pi))
+    far = recorded_loop(planar, None)
+    far = far._replace(own=far.own._replace(near=np.full(4, 9 * np.pi)))
     assert [float(x) for x in exact_q(planar, far, START)] == START.tolist()
     slide = SimpleNamespace(q=slice(0, 1), whole=None, kind=SimpleNamespace(unit=2), slides=(True,))
     held = SimpleNamespace(coordinates=SimpleNamespace(parts=[slide]))
-    at = SimpleNamespace(near=np.array([9 * np.pi]), equations=SimpleNamespace(independent=(0,)))
+    at = SimpleNamespace(own=SimpleNamespace(near=np.array([9 * np.pi])), equations=SimpleNamespace(independent=(0,)))
     assert [float(x) for x in exact_q(held, at, np.array([0.5]))] == [0.5]
 
 
@@ -315,7 +316,9 @@ def test_other_coordinates_measure_the_same_motion(monkeypatch, rpdr_model):
     own, others = one.equations, other.equations.independent
     assert others != own.independent
     np.testing.assert_allclose([float(x.mid()) for x in box], [*q_free, *rates[list(others)]], atol=1e-9)
-    for change in ({"equations": own}, {"scalar": False}, {"turns": (1,)}):
+    numbers = other.own
+    turned = numbers._replace(q=numbers.q._replace(scalar=False)), numbers._replace(turns=(1,))
+    for change in ({"equations": own}, *({"own": each} for each in turned)):
         monkeypatch.setattr(crossing, "recorded_loop", lambda *_, c=change: other._replace(**c))
         assert crossing._other_coordinates(rpdr_model, one, here) is None
 

@@ -93,5 +93,5 @@ def test_whose_free_motion_it_is(rpdr_model):
     assert recorded_loop(rpdr_model, law).equations.free == ""
     assert recorded_loop(ccpin.ReducedModel(ccpin.load("bennett")), None).equations.free == ""
     turned = recorded_loop(ccpin.ReducedModel(MECHANISMS["single turn"]()), None)
-    assert turned.turns
+    assert turned.own.turns
     assert turned.equations.free == ""

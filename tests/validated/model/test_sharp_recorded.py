@@ -16,13 +16,14 @@ flint = pytest.importorskip("flint")
 
 from ccpin.programs.recording import ball_joints, recorded_coordinates, recorded_tree  # noqa: E402
 from ccpin.programs.recording.recorded_laws import require_sampled  # noqa: E402
+from ccpin.programs.recording.recorded_model import _unit_lengths  # noqa: E402
 from ccpin.programs.tape import Tape  # noqa: E402
 from ccpin.validated.arithmetic.balls import ball  # noqa: E402
 from ccpin.validated.arithmetic.programs import in_balls  # noqa: E402
 from ccpin.validated.arithmetic.series import gradients, values  # noqa: E402
 from ccpin.validated.loop_equations import _is_upright, too_far_turned  # noqa: E402
 from ccpin.validated.model import configurations  # noqa: E402
-from ccpin.validated.model.closed_loop import _unit_lengths, _upright, recorded_loop  # noqa: E402
+from ccpin.validated.model.closed_loop import _upright, recorded_loop  # noqa: E402
 from tests.support.recorded import (  # noqa: E402
     MECHANISMS,
     balls,
@@ -41,7 +42,7 @@ def compare(model, controller=None, seed=1, tolerance=1e-10):
     """The recorded (ẋ, q̈), energies and closure against the model's."""
     state, v = random_state(model, seed)
     loop = recorded_loop(model, controller, state.q_free)
-    start = balls(loop.numbers(state.q_free), v)
+    start = balls(loop.own.numbers(state.q_free), v)
     u = np.zeros(model.n_actuated) if controller is None else controller.torque(0.0, state, v)
     expected = np.concatenate([x_rate(loop, state, v), state.forward_dynamics(v, u)])
     scale = max(1.0, np.abs(expected).max())
@@ -70,10 +71,10 @@ def test_a_geared_wheel_some_turns_on():
     model = ccpin.ReducedModel(ccpin.load(curved(1, 1.5, "continuous")))
     state = model.at([2.4 * np.pi])
     loop = recorded_loop(model, None, state.q_free)
-    x = loop.numbers(state.q_free)
+    x = loop.own.numbers(state.q_free)
     assert abs(float(values(loop.equations.closure, balls(x, [0.0]))[0].mid())) < 1e-9
     later = recorded_loop(model, None, state.q_free)
-    assert abs(later.near[1] - x[1]) < 1e-12
+    assert abs(later.own.near[1] - x[1]) < 1e-12
 
 
 def test_rotors_and_springs_of_joints_that_depend():
@@ -228,12 +229,12 @@ def test_the_lyapunov_function_and_held_efforts(rpdr_model):
     K_p, K_v = np.array([[11.0, 2.0], [2.0, 9.0]]), np.array([[0.7, 0.1], [0.1, 0.6]])
     law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_p, K_v)
     loop, state, v = compare(rpdr_model, law)
-    told = numbers(values(loop.equations.lyapunov, balls(loop.numbers(state.q_free), v)))[0]
+    told = numbers(values(loop.equations.lyapunov, balls(loop.own.numbers(state.q_free), v)))[0]
     potential = rpdr_model.energy(law.q_d, np.zeros(2), law.q_free_d).potential
     assert told == pytest.approx(law.lyapunov(state.q, v, state.q_free) + potential, abs=1e-10)
     held = recorded_loop(rpdr_model, law, state.q_free, held=True)
     u = law.torque(0.0, state, v)
-    start = [*balls(held.numbers(state.q_free), v), ball(0), ball(0)]
+    start = [*balls(held.own.numbers(state.q_free), v), ball(0), ball(0)]
     np.testing.assert_allclose(numbers(values(held.equations.efforts, start)), u, atol=1e-11)
     other = np.array([0.3, -0.2])
     rates = numbers(values(held.equations.field, [*start[:-2], *balls(other)]))
@@ -248,7 +249,7 @@ def test_the_lyapunov_function_and_held_efforts(rpdr_model):
     law = ccpin.control.PDSimpleGravity(elsewhere, GOAL, K_P, K_V)
     at_start = elsewhere.at(GOAL)
     held = recorded_loop(elsewhere, law, at_start.q_free, held=True)
-    rates = numbers(values(held.equations.field, balls(held.numbers(at_start.q_free), [0.3, 0.1], other)))
+    rates = numbers(values(held.equations.field, balls(held.own.numbers(at_start.q_free), [0.3, 0.1], other)))
     np.testing.assert_allclose(rates[4:6], at_start.forward_dynamics(np.array([0.3, 0.1]), other), atol=1e-8)
 
 
@@ -260,7 +261,7 @@ def test_angles_on_circles_that_a_law_reads():
     (angle,) = loop.equations.wrapped
     assert angle.place == loop.equations.independent[0]
     assert float(angle.target) == pytest.approx(1.0, abs=1e-15)
-    x = loop.numbers(state.q_free)
+    x = loop.own.numbers(state.q_free)
     for off, told in ((3.1, True), (-3.1, True), (3.2, False), (-3.2, False)):
         x[angle.place] = 1.0 + off
         assert (too_far_turned(loop.equations, balls(x, v)) == "") is told
@@ -312,10 +313,10 @@ def test_configurations_of_numbers(rpdr_model):
     model = ccpin.ReducedModel(ccpin.load(with_kinds("slider_crank", crank="continuous")))
     loop = recorded_loop(model, None)
     q_free = model.mechanism.q_reference
-    x = loop.numbers(q_free)
-    np.testing.assert_allclose(numbers(configurations.configuration(loop.joints, balls(x))), q_free, atol=1e-15)
-    near = x + np.where(np.arange(len(x)) == loop.joints[0].x.start, 4 * np.pi, 0.0)
-    turned = recorded_coordinates.numbers_of(loop.joints, q_free, near)
+    x = loop.own.numbers(q_free)
+    np.testing.assert_allclose(numbers(configurations.configuration(loop.own.joints, balls(x))), q_free, atol=1e-15)
+    near = x + np.where(np.arange(len(x)) == loop.own.joints[0].x.start, 4 * np.pi, 0.0)
+    turned = recorded_coordinates.numbers_of(loop.own.joints, q_free, near)
     np.testing.assert_allclose(turned, near, atol=1e-12)
     one = (SimpleNamespace(q=slice(0, 2), x=slice(0, 1), kind=SimpleNamespace(unit=2)),)
     for near_one in (3.1 + 4 * np.pi, 3.4 + 4 * np.pi, 4 * np.pi - 0.04):
@@ -323,8 +324,8 @@ def test_configurations_of_numbers(rpdr_model):
         assert abs(told - near_one) <= np.pi
         assert np.cos(told - 3.1) == pytest.approx(1.0)
     loop = recorded_loop(rpdr_model, None)
-    x = loop.numbers(rpdr_model.mechanism.q_reference)
-    np.testing.assert_array_equal(numbers(configurations.configuration(loop.joints, balls(x))), x)
+    x = loop.own.numbers(rpdr_model.mechanism.q_reference)
+    np.testing.assert_array_equal(numbers(configurations.configuration(loop.own.joints, balls(x))), x)
 
 
 def test_rotations_are_exact():

@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
@@ -44,10 +45,10 @@ def hill(damping=1, **more):
     tape = Tape(3)
     q, y, v = tape.inputs
     speed = tape.solve([[2 * y]], [[v]])[0, 0]
-    half, ten = flint().fmpq(1, 2), flint().fmpq(10)
+    half, ten = Fraction(1, 2), Fraction(10)
     well = half * (v * v) + ten * ((q - 3) * (4 - q)) + 3
     return equations(
-        loop(tape, 2, 1, [y * y - q], [v, speed, v * flint().fmpq(-damping)]),
+        loop(tape, 2, 1, [y * y - q], [v, speed, v * Fraction(-damping)]),
         drift=in_balls(tape, [v, speed, 0]),
         jacobian=in_balls(tape, [2 * y]),
         energies=in_balls(tape, [half * (v * v), y + 1]),
@@ -456,7 +457,7 @@ def test_the_highest_value_on_a_cross_section_is_attained(monkeypatch):
     """Of ½v² + ½q² at the corner where all of q, v and A are positive; of √q's square within its bend."""
     tape = Tape(3)
     q, y, v = tape.inputs
-    half = flint().fmpq(1, 2)
+    half = Fraction(1, 2)
     frame, bound = np.array([[0.5, 0.1], [0.2, 1.0]]), np.array([0.25, 0.5])
     corner = np.array([4.0, 3.0]) + frame @ bound
 

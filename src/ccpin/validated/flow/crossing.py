@@ -73,14 +73,14 @@ def _other_coordinates(
     model: ReducedModel, loop: ClosedLoop, here: Sequence[Ball]
 ) -> tuple[ClosedLoop, list[Ball]] | None:
     """The motion in coordinates that measure it well at a box of states, and that box in them."""
-    own, q_free = loop.equations, centre_of(configuration(loop.joints, here))
+    own, q_free = loop.equations, centre_of(configuration(loop.own.joints, here))
     try:
         names = best_independent(model.mechanism, q_free, model.rho(q_free))
         sibling = ReducedModel(with_independent(model.mechanism, names, q_free), model.gravity_vector)
         other = recorded_loop(sibling, None, q_free)
     except CcpinError:
         return None
-    if other.equations.independent == own.independent or not other.scalar or other.turns:
+    if other.equations.independent == own.independent or not other.own.q.scalar or other.own.turns:
         return None
     x_rate = values(own.drift, here)
     return other, [*here[: own.n_x], *[x_rate[k] for k in other.equations.independent]]
@@ -113,5 +113,5 @@ def _located(loop: ClosedLoopEquations, steps: Sequence[ProvenStep], unknown: in
 
 def witness_of(kind: Literal["singular", "state"], loop: ClosedLoop, box: Sequence[Ball]) -> Witness:
     """The middle of a box of states."""
-    q_free, error = of_balls([configuration(loop.joints, box)]).at(0)
+    q_free, error = of_balls([configuration(loop.own.joints, box)]).at(0)
     return Witness(kind, centre_of(box[k] for k in loop.equations.independent), q_free, float(error.max()))

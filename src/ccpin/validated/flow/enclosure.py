@@ -204,7 +204,7 @@ class Enclosure(Judged):
     def _nearest(self, q_free: Array, box: Sequence[Ball]) -> Array:
         """Q′ with the signs of its quaternions as in a box."""
         signed = q_free.copy()
-        for joint in self.loop.joints:
+        for joint in self.loop.own.joints:
             if joint.kind.unit == 4:
                 p = slice(joint.q.stop - 4, joint.q.stop)
                 signed[p] *= np.copysign(1.0, signed[p] @ centre_of(box[p]))
@@ -282,10 +282,10 @@ def _witness_of(loop: ClosedLoop, met: Fact) -> Witness:
 
 def _told(loop: ClosedLoop, box: Sequence[Ball]) -> list[Ball]:
     """A box of (x, q̇, …) as one of (q′, q̇, …)."""
-    return [*configuration(loop.joints, box), *box[loop.equations.n_x :]]
+    return [*configuration(loop.own.joints, box), *box[loop.equations.n_x :]]
 
 
 def _bounds(loop: ClosedLoop, box: Sequence[Ball]) -> StateBox:
-    box, n_free = _told(loop, box), loop.joints[-1].q.stop
+    box, n_free = _told(loop, box), loop.own.joints[-1].q.stop
     centre, radius = of_balls([box]).at(0)
     return StateBox(centre[:n_free], radius[:n_free], centre[n_free:], radius[n_free:])

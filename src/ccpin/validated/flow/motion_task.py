@@ -71,7 +71,7 @@ class MotionTask(NamedTuple):
 
     def asked(self, about: ArrayLike, q: Sequence[Ball], v: Array) -> MotionAsked:
         """That from numbers q at `independent` and v, on the branch of σ at the doubles `about`, which are about q."""
-        x = self.loop.numbers(self.model.at(about, self.near).q_free)
+        x = self.loop.own.numbers(self.model.at(about, self.near).q_free)
         return MotionAsked(boxed(q, self.precision), v, x, self.duration)
 
     def start(self, asked: MotionAsked) -> Fact:
@@ -134,7 +134,7 @@ def exact_q(model: ReducedModel, loop: ClosedLoop, q: Array) -> list[Ball]:
         if part.whole is not None:
             held = on_manifold(part.kind, held)
         if part.kind.unit == 2 and not part.slides[-1]:
-            near = loop.near[loop.equations.independent[len(found) + len(held) - 1]]
+            near = loop.own.near[loop.equations.independent[len(found) + len(held) - 1]]
             held[-1] = unwound(held[-1], float(near))
         found += held
     return found

@@ -20,7 +20,7 @@ def arrival_equations_of(
     q_d = boxed(exact_q(model, loop, law.q_d), task.precision)
     potential = float(model.energy(law.q_d, np.zeros(model.n), law.q_free_d).potential)
     return ArrivalEquations(
-        loop.equations, q_d, loop.numbers(law.q_free_d), potential, single_valued(loop, law), set_point
+        loop.equations, q_d, loop.own.numbers(law.q_free_d), potential, single_valued(loop, law), set_point
     )
 
 
@@ -31,7 +31,7 @@ def single_valued(loop: ClosedLoop, law: PDSimpleGravity) -> bool:
     where it may not be: angles that the law reads on circles, rotation vectors of balls, springs of joints that turn.
     """
     stated = law.model.mechanism.tree.joints
-    sprung = (joint for joint in loop.joints if stated[joint.number - 1].stated.stiffness)
+    sprung = (joint for joint in loop.own.joints if stated[joint.number - 1].stated.stiffness)
     for joint in sprung:
         turns = "r" in {step[0] for step in joint.kind.steps}
         if turns and (joint.kind.unit or joint.x.start not in loop.equations.independent):

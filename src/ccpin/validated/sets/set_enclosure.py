@@ -168,7 +168,7 @@ def starts_of(task: MotionTask, q0: ArrayLike, v0: ArrayLike | None, spread: Any
         UnsupportedMechanismError: Coordinates whose rates are not q̇.
     """
     model, loop = task.model, task.loop
-    if not loop.scalar:
+    if not loop.own.q.scalar:
         raise UnsupportedMechanismError(
             "sets of starts are boxes in coordinates whose rates are q̇: ball, planar and floating joints that are "
             "independent as a whole have none; name components or other joints as independent, in place of one of "
