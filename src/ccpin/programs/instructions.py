@@ -18,7 +18,7 @@ class Instruction(NamedTuple):
     Attributes:
         kind: Its code.
         target: The number of the value it defines (for SOLVE: of nothing; its PARTs define the values).
-        a, b: Numbers of its operands: SINE and COSINE know each other by b; PART is column b of a row-major
+        a, b: Numbers of its operands: SINE and COSINE know each other by b (where both are there for sure); PART is column b of a row-major
             solution of SOLVE a; SOLVE keeps a `LinearSystem` in b, GAIN the order of its derivative.
         constant: The factor of SCALE, the value of CONSTANT.
     """
@@ -36,7 +36,7 @@ class Instruction(NamedTuple):
             return ()
         if self.kind == SOLVE:
             return [number for table in self.b for row in table for number in row]
-        if self.kind in (SCALE, PART, GAIN, ROOT, RECIPROCAL):
+        if self.kind in (SCALE, PART, GAIN, ROOT, RECIPROCAL) or self.b is None:
             return (self.a,)
         return (self.a, self.b)
 

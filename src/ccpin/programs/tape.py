@@ -141,19 +141,29 @@ class Tape:
         """A⁻¹B for A of shape (m, m): an array of nodes of B's shape (m, k)."""
         if not len(matrix):
             return np.zeros(np.shape(right), dtype=object)
-        head = self._record(SOLVE, b=LinearSystem(self._numbers(matrix), self._numbers(right)))
-        parts = [self._record(PART, head.index, place) for place in range(np.size(right))]
-        return np.array(parts, dtype=object).reshape(np.shape(right))
+        return self._solved(self._numbers(matrix), right)
 
-    def derivative(self, expressions: Sequence[Expression], direction: dict[int, Expression]) -> list[Expression]:
+    def derivative(
+        self, expressions: Sequence[Expression], direction: dict[int, Expression], *, held: bool = True
+    ) -> list[Expression]:
         """The derivative of expressions along a direction of the inputs, by input number.
 
-        Results of linear solves are held fixed, and so are the entries of the direction.
+        The entries of the direction are held fixed, and so are results of linear solves if they are to be `held`; else
+        theirs is A⁻¹(∂B − ∂A X), with the matrix that is there.
         """
-        slopes: dict[int, Expression] = {}
-        for number in sorted(self._ancestors([e.index for e in expressions if isinstance(e, Node)], {SOLVE, PART})):
-            slopes[number] = self._slope(self.instructions[number], slopes, direction)
+        slopes: dict[int, Any] = {}
+        opaque = {SOLVE, PART} if held else set[int]()
+        for number in sorted(self._ancestors([e.index for e in expressions if isinstance(e, Node)], opaque)):
+            item = self.instructions[number]
+            slopes[number] = 0 if item.kind in opaque else self._slope(item, slopes, direction)
         return [slopes[e.index] if isinstance(e, Node) else 0 for e in expressions]
+
+    def inlined(self, code: Code, arguments: Sequence[Expression]) -> list[Expression]:
+        """The outputs of other instructions at expressions of this tape."""
+        found: dict[int, Any] = dict(enumerate(arguments))
+        for item in code.instructions:
+            self.copied(item, found)
+        return [found[number] for number in code.outputs]
 
     def code(self, outputs: Sequence[Expression], also: Sequence[Expression] = ()) -> Code:
         """The instructions that outputs need, and those of values that are `also` to exist."""
@@ -173,27 +183,87 @@ class Tape:
                 stack.extend(() if item.kind in opaque else item.operands)
         return found
 
-    def _slope(self, item: Instruction, slopes: dict[int, Expression], direction: dict[int, Expression]) -> Expression:
-        def of(number: int) -> Node:
-            return Node(self, number)
-
+    def _slope(self, item: Instruction, slopes: dict[int, Any], direction: dict[int, Expression]) -> Any:
         if item.kind == INPUT:
             return direction.get(item.target, 0)
-        if item.kind in (CONSTANT, SOLVE, PART, ROOT, RECIPROCAL, ANGLE):  # the last three are of constants
+        if item.kind == CONSTANT:
             return 0
+        if item.kind == SOLVE:
+            return self._solution_slope(item, slopes)
+        if item.kind == PART:
+            return slopes[item.a][item.b]
+        a = Node(self, item.a)
         if item.kind == ADD:
             return slopes[item.a] + slopes[item.b]
         if item.kind == SUBTRACT:
             return slopes[item.a] - slopes[item.b]
         if item.kind == MULTIPLY:
-            return slopes[item.a] * of(item.b) + slopes[item.b] * of(item.a)
+            return slopes[item.a] * Node(self, item.b) + slopes[item.b] * a
         if item.kind == SCALE:
             return slopes[item.a] * item.constant
+        if is_zero(slopes[item.a]) and (item.kind != ANGLE or is_zero(slopes[item.b])):
+            return 0
         if item.kind == GAIN:
-            return slopes[item.a] * self.gain(of(item.a), item.b + 1)
+            return slopes[item.a] * self.gain(a, item.b + 1)
         if item.kind == SINE:
-            return slopes[item.a] * of(item.b)
-        return slopes[item.a] * of(item.b) * -1
+            return slopes[item.a] * Node(self, item.b)
+        if item.kind == COSINE:
+            return slopes[item.a] * Node(self, item.b) * -1
+        own = Node(self, item.target)
+        if item.kind == ROOT:
+            return slopes[item.a] * self.reciprocal(own) * Fraction(1, 2)
+        if item.kind == RECIPROCAL:
+            return slopes[item.a] * (own * own) * -1
+        b = Node(self, item.b)
+        return (slopes[item.a] * b - slopes[item.b] * a) * self.reciprocal(a * a + b * b)
+
+    def _solution_slope(self, item: Instruction, slopes: dict[int, Any]) -> list[Expression]:
+        """A⁻¹(∂B − ∂A X), row by row."""
+        m, k = len(item.b.right), len(item.b.right[0])
+        solution = np.array([self._record(PART, item.target, place) for place in range(m * k)], dtype=object)
+        matrix, right = (
+            np.array([[slopes[number] for number in row] for row in part], dtype=object) for part in item.b
+        )
+        change = right - matrix @ solution.reshape(m, k)
+        moving = [column for column in range(k) if not all(map(is_zero, change[:, column]))]
+        found = np.zeros((m, k), dtype=object)
+        if moving:
+            found[:, moving] = self._solved(item.b.matrix, change[:, moving])
+        return found.ravel().tolist()
+
+    def copied(self, item: Instruction, found: dict[int, Any]) -> None:
+        """Record an instruction of other instructions, whose values so far are found here."""
+        kind, target, a, b, constant = item
+        if kind == CONSTANT:
+            found[target] = constant
+        elif kind == ADD:
+            found[target] = found[a] + found[b]
+        elif kind == SUBTRACT:
+            found[target] = found[a] - found[b]
+        elif kind == MULTIPLY:
+            found[target] = found[a] * found[b]
+        elif kind == SCALE:
+            found[target] = found[a] * constant
+        elif kind in (SINE, COSINE):
+            found[target] = self.sincos(self.node(found[a]))[kind == COSINE]
+        elif kind == GAIN:
+            found[target] = self.gain(self.node(found[a]), b)
+        elif kind == ROOT:
+            found[target] = self.root(found[a])
+        elif kind == RECIPROCAL:
+            found[target] = self.reciprocal(found[a])
+        elif kind == ANGLE:
+            found[target] = self.angle(found[a], found[b])
+        elif kind == SOLVE:
+            matrix, right = ([[found[number] for number in row] for row in table] for table in b)
+            found[target] = self.solve(matrix, right).ravel()
+        else:
+            found[target] = found[a][b]
+
+    def _solved(self, matrix: tuple[tuple[int, ...], ...], right: Any) -> Any:
+        head = self._record(SOLVE, b=LinearSystem(matrix, self._numbers(right)))
+        parts = [self._record(PART, head.index, place) for place in range(np.size(right))]
+        return np.array(parts, dtype=object).reshape(np.shape(right))
 
     def _numbers(self, table: Sequence[Sequence[Expression]]) -> tuple[tuple[int, ...], ...]:
         return tuple(tuple(self.node(entry).index for entry in row) for row in table)

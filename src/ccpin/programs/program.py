@@ -1,0 +1,296 @@
+"""A recorded program: named inputs and outputs, straight-line arithmetic between them, NumPy to run it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array
+from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.files import write_atomically
+from ccpin.programs.evaluation import values_of
+from ccpin.programs.instructions import (
+    ADD,
+    ANGLE,
+    CONSTANT,
+    COSINE,
+    GAIN,
+    MULTIPLY,
+    RECIPROCAL,
+    ROOT,
+    SCALE,
+    SINE,
+    SUBTRACT,
+    Code,
+    Instruction,
+)
+from ccpin.programs.lowering import Pivot
+
+WORDS = {
+    CONSTANT: "constant", ADD: "add", SUBTRACT: "subtract", MULTIPLY: "multiply", SCALE: "scale", SINE: "sine",
+    COSINE: "cosine", GAIN: "gain", ROOT: "root", RECIPROCAL: "reciprocal", ANGLE: "angle",
+}  # fmt: skip
+_KINDS = {word: kind for kind, word in WORDS.items()}
+_FORMAT, _VERSION = "ccpin.program", 1
+SMALL_PIVOT = 1e-6  # of its size at the samples: a state at which a solve divides by less is refused
+
+
+class Port(NamedTuple):
+    """A named array that a program reads or writes.
+
+    Attributes:
+        name: Its name.
+        shape: Its shape.
+        unit: The unit of every entry, or of each, row by row.
+        entries: What each entry is, row by row.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    unit: str
+    entries: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """How many numbers it has."""
+        return math.prod(self.shape)
+
+
+class Answer(Mapping[str, Array]):
+    """Outputs by name; `status` is 0 where they can be trusted.
+
+    Attributes:
+        status: 0; 1 where a solve divided by what is almost 0; 2 where Newton's steps of σ had not converged. Of shape ().
+    """
+
+    def __init__(self, outputs: dict[str, Array], status: Any) -> None:
+        self._outputs, self.status = outputs, status
+
+    def __getitem__(self, name: str) -> Array:
+        return self._outputs[name]
+
+    def __iter__(self) -> Any:
+        return iter(self._outputs)
+
+    def __len__(self) -> int:
+        return len(self._outputs)
+
+    def __repr__(self) -> str:
+        return f"Answer({', '.join(f'{name} {np.shape(value)}' for name, value in self.items())}, status={self.status})"
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Straight-line arithmetic from named inputs to named outputs.
+
+    Attributes:
+        name: What it is of.
+        inputs, outputs: The ports, in the order of the numbers.
+        code: The instructions, without linear solves.
+        pivots: Values that solves divide by.
+        corrections: Numbers of the last corrections of σ's Newton steps (none where q′ is given closed), and the square
+            of their length above which they had not converged.
+        example: Inputs at which it was recorded, by name.
+    """
+
+    name: str
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    code: Code
+    pivots: tuple[Pivot, ...] = ()
+    corrections: tuple[int, ...] = ()
+    tolerance: float = 0.0
+    example: tuple[float, ...] = ()
+
+    def __call__(self, **inputs: ArrayLike) -> Answer:
+        """The outputs at inputs of the ports' shapes, or of many at once along a first axis more."""
+        numbers, many = self._numbers(inputs)
+        with np.errstate(all="ignore"):
+            values = values_of(self.code, list(numbers.T), np)
+        rows = len(numbers)
+        found, first = dict[str, Array](), 0
+        for port in self.outputs:
+            columns = [values[k] for k in self.code.outputs[first : first + port.size]]
+            first += port.size
+            table = (
+                np.stack([np.broadcast_to(column, (rows,)) for column in columns], axis=1)
+                if columns
+                else np.empty((rows, 0))
+            )
+            shaped = table.reshape(rows, *port.shape)
+            found[port.name] = shaped if many else shaped[0]
+        status = self._status(values, rows)
+        return Answer(found, status if many else int(status[0]))
+
+    def _status(self, values: list[Any], rows: int) -> Any:
+        """0, 1 or 2 for every row."""
+        divides = np.zeros(rows, dtype=np.bool_)
+        for pivot in self.pivots:
+            divides |= ~(np.abs(values[pivot.number]) > SMALL_PIVOT * pivot.scale)
+        moved = np.zeros(rows)
+        for number in self.corrections:
+            moved = moved + values[number] ** 2
+        return np.where(divides, 1, np.where(moved <= self.tolerance**2, 0, 2))
+
+    def _numbers(self, inputs: dict[str, ArrayLike]) -> tuple[Array, bool]:
+        """All inputs side by side, of shape (N, inputs), and whether there were many."""
+        known = [port.name for port in self.inputs]
+        if sorted(inputs) != sorted(known):
+            raise InvalidInputError(
+                f"the inputs of '{self.name}' are {', '.join(known)}, not {', '.join(inputs) or 'none'}"
+            )
+        given = [(port, np.asarray(inputs[port.name], dtype=np.float64)) for port in self.inputs]
+        many = any(value.ndim > len(port.shape) for port, value in given)
+        for port, value in given:
+            if value.shape[value.ndim - len(port.shape) :] != port.shape or value.ndim > len(port.shape) + 1:
+                raise InvalidInputError(f"{port.name} must be of shape {port.shape}, or (N, …), not {value.shape}")
+        rows = max((len(value) for port, value in given if value.ndim > len(port.shape)), default=1)
+        wide = [value if value.ndim > len(port.shape) else value[None] for port, value in given]
+        if any(len(value) not in (1, rows) for value in wide):
+            raise InvalidInputError(f"inputs of different numbers of rows: {[len(value) for value in wide]}")
+        columns = [np.broadcast_to(value, (rows, *value.shape[1:])).reshape(rows, -1) for value in wide]
+        return np.hstack(columns) if columns else np.empty((1, 0)), many
+
+    @property
+    def operations(self) -> dict[str, int]:
+        """How many operations of each kind it makes, constants apart."""
+        counts = Counter(WORDS[item.kind] for item in self.code.instructions if item.kind != CONSTANT)
+        return dict(sorted(counts.items()))
+
+    @property
+    def digest(self) -> str:
+        """A fingerprint of all that it computes."""
+        return sha256(json.dumps(self._document(), sort_keys=True).encode()).hexdigest()
+
+    def __repr__(self) -> str:
+        ports = (", ".join(f"{port.name} {port.shape}" for port in group) for group in (self.inputs, self.outputs))
+        return "Program({}: {} → {}; {} operations)".format(self.name, *ports, sum(self.operations.values()))
+
+    def __str__(self) -> str:
+        """It as mathematics, a line a value."""
+        names = {k: name for k, name in enumerate(_entries(self.inputs))}
+        lines = [
+            f"{self.name}: {', '.join(port.name for port in self.inputs)} ↦ {', '.join(port.name for port in self.outputs)}"
+        ]
+        for item in self.code.instructions:
+            names[item.target] = f"t{item.target}" if item.kind != CONSTANT else _short(item.constant)
+            if item.kind != CONSTANT:
+                lines.append(f"{names[item.target]} = {_formula(item, names)}")
+        lines += [f"{entry} = {names[k]}" for entry, k in zip(_entries(self.outputs), self.code.outputs, strict=True)]
+        return "\n".join(lines)
+
+    def save(self, path: str | Path) -> None:
+        """Write it as JSON, with its digest; `ccpin.programs.load` reads it with NumPy alone."""
+        text = json.dumps(self._document() | {"digest": self.digest})
+        write_atomically(path, "w", lambda file: file.write(text))
+
+    def _document(self) -> dict[str, Any]:
+        return {
+            "format": _FORMAT, "version": _VERSION, "name": self.name,
+            "inputs": [port._asdict() for port in self.inputs], "outputs": [port._asdict() for port in self.outputs],
+            "size": self.code.size, "results": list(self.code.outputs),
+            "instructions": [_written(item) for item in self.code.instructions],
+            "pivots": [[pivot.number, pivot.scale.hex()] for pivot in self.pivots],
+            "corrections": list(self.corrections), "tolerance": self.tolerance.hex(),
+            "example": [value.hex() for value in self.example],
+        }  # fmt: skip
+
+
+def load(path: str | Path) -> Program:
+    """A program that `Program.save` wrote.
+
+    Raises:
+        CcpinError: The file is none, is damaged, or of a later version.
+    """
+    try:
+        document = json.loads(Path(path).read_bytes())
+        program = _program_of(document)
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError, ZeroDivisionError) as error:
+        raise CcpinError(f"{path} is no program of ccpin's: {error}") from None
+    if document.get("digest") != program.digest:
+        raise CcpinError(f"{path} was changed since it was written: its digest is another")
+    return program
+
+
+def _program_of(document: Any) -> Program:
+    """The program of a document.
+
+    Raises:
+        ValueError: It is none.
+    """
+    if not isinstance(document, dict) or document.get("format") != _FORMAT:
+        raise ValueError("it says nothing of ccpin.program")
+    if document["version"] != _VERSION:
+        raise ValueError(f"it is of version {document['version']}, this ccpin reads {_VERSION}")
+    ports = [
+        tuple(
+            Port(str(p["name"]), tuple(map(int, p["shape"])), str(p["unit"]), tuple(map(str, p["entries"])))
+            for p in document[side]
+        )
+        for side in ("inputs", "outputs")
+    ]
+    count, size = sum(port.size for port in ports[0]), int(document["size"])
+    instructions, defined = list[Instruction](), set(range(count))
+    for entry in document["instructions"]:
+        item = _read(entry)
+        if not defined.issuperset(item.operands) or item.target in defined or not count <= item.target < size:
+            raise ValueError(f"instruction {entry} has operands that are not there")
+        defined.add(item.target)
+        instructions.append(item)
+    results, corrections = tuple(map(int, document["results"])), tuple(map(int, document["corrections"]))
+    pivots = tuple(Pivot(int(number), float.fromhex(scale)) for number, scale in document["pivots"])
+    asked = {*results, *corrections, *(pivot.number for pivot in pivots)}
+    if not defined.issuperset(asked) or len(results) != sum(port.size for port in ports[1]):
+        raise ValueError("its outputs are not there")
+    code = Code(size, count, tuple(instructions), results)
+    example = tuple(map(float.fromhex, document["example"]))
+    return Program(
+        str(document["name"]), *ports, code, pivots, corrections, float.fromhex(document["tolerance"]), example
+    )
+
+
+def _written(item: Instruction) -> list[Any]:
+    constant = [] if item.constant is None else [f"{item.constant.numerator}/{item.constant.denominator}"]
+    operands = [item.a, item.b] if item.kind == GAIN else list(item.operands)
+    return [WORDS[item.kind], item.target, *operands, *constant]
+
+
+def _read(entry: Any) -> Instruction:
+    word, target, *rest = entry
+    kind = _KINDS[word]
+    if kind in (CONSTANT, SCALE):
+        *operands, constant = rest
+        return Instruction(kind, int(target), *map(int, operands), **{"constant": Fraction(constant)})
+    return Instruction(kind, int(target), *map(int, rest))
+
+
+def _entries(ports: Sequence[Port]) -> list[str]:
+    return [f"{port.name}[{entry}]" for port in ports for entry in port.entries]
+
+
+def _formula(item: Instruction, names: Mapping[int, str]) -> str:
+    a = names[item.a] if item.a is not None else ""
+    kind = item.kind
+    if kind in (ADD, SUBTRACT, MULTIPLY):
+        return f"{a} {'+−·'[(ADD, SUBTRACT, MULTIPLY).index(kind)]} {names[item.b]}"
+    if kind == SCALE:
+        return f"{_short(item.constant)} · {a}"
+    if kind == ANGLE:
+        return f"atan2({a}, {names[item.b]})"
+    if kind == GAIN:
+        return f"g{'′' * item.b}({a})"
+    return {SINE: f"sin({a})", COSINE: f"cos({a})", RECIPROCAL: f"1/{a}", ROOT: f"√{a}"}[kind]
+
+
+def _short(value: Fraction) -> str:
+    return f"{float(value):.6g}"

@@ -1,0 +1,185 @@
+"""What can be recorded of a model: each quantity a line in a table, made of what `recorded_model` says.
+
+Every quantity is a function of the numbers x of a closed configuration, and of q̇, u or q̈ where it needs them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ccpin.control.control_law import ControlLaw
+from ccpin.dynamics.end_effector import EndEffector
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.errors import UnsupportedMechanismError
+from ccpin.programs.recording.recorded_laws import efforts, law_terms, transmission
+from ccpin.programs.recording.recorded_model import Numbering, RecordedModel, recorded_model
+from ccpin.programs.recording.recorded_tree import Table, exact, exact_placement, rational
+from ccpin.programs.tape import Tape
+
+
+class Scene(NamedTuple):
+    """A model on a tape, and what quantities are recorded from.
+
+    Attributes:
+        tape: The tape; its inputs are x, then those of `inputs`.
+        model: The model.
+        own: The numbers x.
+        recorded: The model's closures and dynamics.
+        inputs: x, v = q̇, u and a = q̈, each of shape (n_x,), (n,) or (motors,).
+        law: The law, where one is recorded.
+        points: Points of links, by the names of their outputs.
+    """
+
+    tape: Tape
+    model: ReducedModel
+    own: Numbering
+    recorded: RecordedModel
+    inputs: dict[str, Table]
+    law: ControlLaw | None
+    points: dict[str, EndEffector]
+
+
+class Quantity(NamedTuple):
+    """One thing that can be recorded.
+
+    Attributes:
+        unit: Its unit, where all entries have one.
+        needs: Which inputs it reads besides the configuration.
+        record: Its entries, an array of expressions.
+    """
+
+    unit: str
+    needs: tuple[str, ...]
+    record: Callable[[Scene], Table]
+
+
+def scene_of(
+    model: ReducedModel, own: Numbering, near: Any, law: ControlLaw | None, points: dict[str, EndEffector]
+) -> Scene:
+    """A fresh tape with a model on it."""
+    sizes = {"x": len(own.near), "v": model.n, "u": model.n_actuated, "a": model.n}
+    tape = Tape(sum(sizes.values()))
+    ends = np.cumsum(list(sizes.values()))[:-1]
+    x, v, u, a = np.split(np.array(tape.inputs, dtype=object), ends)
+    recorded = recorded_model(tape, model, own, (x, v), near)
+    return Scene(tape, model, own, recorded, {"x": x, "v": v, "u": u, "a": a}, law, points)
+
+
+def forward(scene: Scene) -> Table:
+    """q̈ = D⁻¹(ρᵀSᵀu − C q̇ − damping q̇ − g) (22)."""
+    terms = scene.recorded.terms
+    across, u = transmission(scene.model, scene.recorded.motion.rho), scene.inputs["u"]
+    force = u if across is None else across @ u
+    return scene.tape.solve(terms.mass, (force - terms.bias)[:, None])[:, 0]
+
+
+def generalized_force(scene: Scene) -> Table:
+    """τ = D q̈ + C q̇ + damping q̇ + g (22)."""
+    return scene.recorded.terms.mass @ scene.inputs["a"] + scene.recorded.terms.bias
+
+
+def inverse(scene: Scene) -> Table:
+    """The u of least norm with ρᵀSᵀu = τ."""
+    return efforts(scene.tape, transmission(scene.model, scene.recorded.motion.rho), generalized_force(scene))
+
+
+def _mass_inverse(scene: Scene) -> Table:
+    return scene.tape.solve(scene.recorded.terms.mass, np.eye(scene.model.n, dtype=object))
+
+
+def _energy(scene: Scene) -> Table:
+    return np.array([scene.recorded.terms.kinetic, scene.recorded.terms.potential], dtype=object)
+
+
+def _velocity_force(scene: Scene) -> Table:
+    """C q̇ + damping q̇."""
+    return scene.recorded.terms.bias - scene.recorded.terms.gravity
+
+
+def _damping(scene: Scene) -> Table:
+    """ρᵀB′ρ."""
+    stated = [
+        rational(joint.stated.damping) for joint in scene.model.mechanism.tree.joints for _ in range(joint.kind.nv)
+    ]
+    rho = scene.recorded.motion.rho
+    return rho.T @ (np.array(stated, dtype=object)[:, None] * rho)
+
+
+def _coriolis(scene: Scene) -> Table:
+    """C = ½ ∂(C q̇)/∂q̇: of Christoffel symbols, which are symmetric, so that Ḋ − 2C is skew (Lemma III.1).
+
+    Raises:
+        UnsupportedMechanismError: q̇ is not the rate of q's numbers: what is symmetric is then another matrix.
+    """
+    if not scene.own.q.scalar:
+        raise UnsupportedMechanismError("C(q, q̇) is recorded where q̇ is the rate of q, not of a whole ball or carriage")
+    return (along(scene, _velocity_force(scene), "v") - _damping(scene)) * rational(0.5)
+
+
+def along(scene: Scene, entries: Table, by: str) -> Table:
+    """∂(entries)/∂(input), of the entries' shape and one more axis; by "q" along tangent steps, y moving with them."""
+    if by == "q":
+        ways = [dict(enumerate(column)) for column in (scene.recorded.rates @ scene.recorded.motion.rho).T]
+    else:
+        ways = [{node.index: 1} for node in scene.inputs[by]]
+    columns = [scene.tape.derivative(entries.ravel().tolist(), way, held=False) for way in ways]
+    return np.array(columns, dtype=object).reshape(len(ways), *entries.shape).transpose(*range(1, entries.ndim + 1), 0)
+
+
+def _torque(scene: Scene) -> Table:
+    """u of the law."""
+    terms, own, x = scene.recorded.terms, scene.own, scene.inputs["x"]
+    does = law_terms(scene.tape, scene.law, own.q, (x, scene.inputs["v"]), terms, own.near)
+    return efforts(scene.tape, transmission(scene.model, scene.recorded.motion.rho), does.force)
+
+
+def _lyapunov(scene: Scene) -> Table:
+    """𝒱 + V(q_d) with the law's own g(q_d)."""
+    terms, own, x = scene.recorded.terms, scene.own, scene.inputs["x"]
+    does = law_terms(scene.tape, scene.law, own.q, (x, scene.inputs["v"]), terms, own.near)
+    if does.lyapunov is None:
+        raise UnsupportedMechanismError(f"𝒱 is recorded of PDSimpleGravity (28), not of {type(scene.law).__name__}")
+    return np.array([does.lyapunov], dtype=object)
+
+
+def pose_of(scene: Scene, end: EndEffector) -> Table:
+    """The link's axes at the point, 4×4, in the world."""
+    attached = scene.model.mechanism.tree.attachments[end.link]
+    placed = scene.recorded.frames[attached.joint] @ exact_placement(attached.placement)
+    placed[:3, 3] = placed[:3, 3] + placed[:3, :3] @ exact(end.point.offset)
+    return placed
+
+
+def jacobian_of(scene: Scene, pose: Table) -> Table:
+    """J with twist (linear, angular) = J q̇ in world axes, of shape (6, n)."""
+    rates = along(scene, pose[:3], "q")
+    turned = np.einsum("ijk,lj->ilk", rates[:, :3], pose[:3, :3])
+    return np.vstack([rates[:, 3], turned[2, 1], turned[0, 2], turned[1, 0]])
+
+
+def _sigma(scene: Scene) -> Table:
+    return scene.inputs["x"][list(scene.own.dependent)]
+
+
+QUANTITIES = {
+    "sigma": Quantity("", (), _sigma),
+    "closure": Quantity("", (), lambda scene: np.array(scene.recorded.closure, dtype=object)),
+    "rho": Quantity("", (), lambda scene: scene.recorded.motion.rho),
+    "v_free": Quantity("", ("v",), lambda scene: scene.recorded.motion.v_free),
+    "bias": Quantity("", ("v",), lambda scene: scene.recorded.motion.bias),
+    "x_rate": Quantity("", ("v",), lambda scene: scene.recorded.motion.x_rate),
+    "mass": Quantity("", (), lambda scene: scene.recorded.terms.mass),
+    "mass_inverse": Quantity("", (), _mass_inverse),
+    "gravity": Quantity("", (), lambda scene: scene.recorded.terms.gravity),
+    "coriolis": Quantity("", ("v",), _coriolis),
+    "velocity_force": Quantity("", ("v",), _velocity_force),
+    "forward_dynamics": Quantity("", ("v", "u"), forward),
+    "generalized_force": Quantity("", ("v", "a"), generalized_force),
+    "inverse_dynamics": Quantity("", ("v", "a"), inverse),
+    "energy": Quantity("J", ("v",), _energy),
+    "torque": Quantity("", ("v",), _torque),
+    "lyapunov": Quantity("J", ("v",), _lyapunov),
+}

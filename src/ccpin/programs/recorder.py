@@ -1,0 +1,248 @@
+"""`record`: programs of a reduced model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+
+from ccpin.arrays import Array, choice, instance, whole
+from ccpin.control.control_law import ControlLaw
+from ccpin.dynamics.end_effector import EndEffector
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import State
+from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.programs.instructions import Code
+from ccpin.programs.lowering import lowered
+from ccpin.programs.program import Port, Program
+from ccpin.programs.quantities import QUANTITIES, Scene, along, jacobian_of, pose_of, scene_of
+from ccpin.programs.recording.recorded_model import Numbering, numbering
+from ccpin.programs.recording.recorded_tree import Table
+from ccpin.programs.tape import Expression, Node, Tape
+
+Given = Literal["closed", "near"]
+SAMPLES, _SPREAD, _TRIES = 32, 0.15, 400  # states about the reference at which pivots are chosen
+CONVERGED = 1e-9  # of the last correction of σ's Newton steps, in the units of y: the error after it is far smaller
+
+
+def record(
+    model: ReducedModel,
+    what: str | Sequence[str],
+    *,
+    given: Given = "closed",
+    steps: int = 2,
+    derivatives: Sequence[str] = (),
+    law: ControlLaw | None = None,
+    points: Mapping[str, EndEffector] | None = None,
+    near: State | None = None,
+) -> Program:
+    """A straight-line program of quantities of a reduced model.
+
+    Args:
+        model: The reduced model.
+        what: Names of quantities, in the order of the outputs: `"closure"` (φ, with |p|² − 1 of quaternions that depend),
+            `"sigma"` (the numbers y that depend, of `given="near"`), `"rho"`, `"v_free"` (q̇′ = ρq̇), `"bias"` (ρ̇q̇),
+            `"x_rate"`, `"mass"` (D), `"mass_inverse"`, `"coriolis"` (C), `"velocity_force"` (Cq̇ + damping q̇),
+            `"gravity"` (g), `"forward_dynamics"` (q̈), `"inverse_dynamics"` (u), `"generalized_force"` (τ), `"energy"`,
+            `"torque"` and `"lyapunov"` of the `law`, and the names of `points` (position, with `NAME_rotation` and
+            `NAME_jacobian` beside it).
+        given: What is known of a configuration. `"closed"`: q and the numbers y that depend on it; `"near"`: q and the
+            y of a configuration near by on the same branch, from which σ(q) is found by a fixed number of steps.
+        steps: Newton steps of σ; one more with the last matrix follows.
+        derivatives: Of every quantity also its derivative by these of `"q"`, `"v"`, `"u"`, `"a"` (outputs `NAME_by_q`, …),
+            with the derivative's axis last; by q along tangent steps, with y moving along by ρ.
+        law: The law of `"torque"` and `"lyapunov"`: none, PDSimpleGravity or PDFullGravity.
+        points: End effectors by names of outputs.
+        near: The State it is recorded about (pivots are chosen at states around it), default the reference.
+
+    Raises:
+        InvalidInputError: No such quantity, or one that lacks what it is of.
+        UnsupportedMechanismError: A law that is not known, or C of coordinates that are no numbers.
+    """
+    model = instance(model, "model", ReducedModel)
+    asked = (what,) if isinstance(what, str) else tuple(what)
+    ends = dict(points or {})
+    _require_known(asked, ends, derivatives, given, law)
+    reference = model.mechanism.q_reference
+    state = model.at(model.alpha(reference), reference) if near is None else model.at(near)
+    own = numbering(model, state.q_free)
+    scene = scene_of(model, own, state.q_free, law, ends)
+    outputs = _outputs(scene, asked, tuple(derivatives))
+    inner = scene.tape.code([entry for table in outputs.values() for entry in table.ravel()])
+    ports = _input_ports(scene, _inputs_read(scene, inner))
+    tape = Tape(sum(port.size for port in ports))
+    at = dict(zip((port.name for port in ports), _split(tape.inputs, ports), strict=True))
+    y, corrections = at["y"], np.empty(0, dtype=object)
+    if given == "near":
+        closure = scene.tape.code(scene.recorded.closure)
+        y, corrections = _newton(tape, own, closure, at["q"], y, whole(steps, "steps"))
+    results = tape.inlined(inner, _arguments(scene, at | {"y": y}))
+    samples = _samples(model, own, state, ports)
+    done = lowered(tape.code([*results, *corrections]), samples)
+    count = len(corrections)
+    shown = done.code._replace(outputs=done.code.outputs[: len(done.code.outputs) - count])
+    return Program(
+        f"{model.mechanism.name}: {', '.join(asked)}", ports, _output_ports(outputs), shown, done.pivots,
+        done.code.outputs[len(done.code.outputs) - count :], CONVERGED if count else 0.0, tuple(samples[0].tolist()),
+    )  # fmt: skip
+
+
+def _require_known(
+    asked: tuple[str, ...],
+    ends: dict[str, EndEffector],
+    derivatives: Sequence[str],
+    given: str,
+    law: ControlLaw | None,
+) -> None:
+    """Every name is one that can be recorded.
+
+    Raises:
+        InvalidInputError: One is not.
+    """
+    choice(given, "given", ("closed", "near"))
+    if not asked:
+        raise InvalidInputError("nothing to record: name a quantity")
+    for name in asked:
+        choice(name, "what", (*QUANTITIES, *ends))
+    for name in derivatives:
+        choice(name, "derivatives", ("q", "v", "u", "a"))
+    if clash := set(ends) & {*QUANTITIES, "x", "q", "y", "v", "u", "a", "status"}:
+        raise InvalidInputError(f"points cannot have the names of quantities: {', '.join(sorted(clash))}")
+    if law is None and {"torque", "lyapunov"} & set(asked):
+        raise InvalidInputError("'torque' and 'lyapunov' are a law's: give law=")
+    for name, end in ends.items():
+        instance(end, f"points[{name!r}]", EndEffector)
+
+
+def _outputs(scene: Scene, asked: tuple[str, ...], derivatives: tuple[str, ...]) -> dict[str, Table]:
+    """Tables of expressions by the names of their outputs."""
+    found = dict[str, Table]()
+    for name in asked:
+        if name in scene.points:
+            pose = pose_of(scene, scene.points[name])
+            found |= {name: pose[:3, 3], f"{name}_rotation": pose[:3, :3], f"{name}_jacobian": jacobian_of(scene, pose)}
+            continue
+        quantity = QUANTITIES[name]
+        found[name] = quantity.record(scene)
+        for by in derivatives:
+            if by == "q" or by in quantity.needs:
+                found[f"{name}_by_{by}"] = along(scene, found[name], by)
+    return found
+
+
+def _inputs_read(scene: Scene, code: Code) -> set[str]:
+    """Which of v, u, a an output depends on."""
+    used = {number for item in code.instructions for number in item.operands} | set(code.outputs)
+    return {name for name, nodes in scene.inputs.items() if used & {node.index for node in nodes}}
+
+
+def _input_ports(scene: Scene, reads: set[str]) -> tuple[Port, ...]:
+    """q and y, and what else is read."""
+    numbers = _names(scene)
+    own, model = scene.own, scene.model
+    ports = [_port("q", [numbers[k] for k in own.q.places]), _port("y", [numbers[k] for k in own.dependent])]
+    motors = [(name, "") for name in model.mechanism.actuated]
+    rates = [(name, "") for name in model.mechanism.independent]
+    entries = {"v": _spread(rates, model.n), "u": _spread(motors, model.n_actuated), "a": _spread(rates, model.n)}
+    units = {"v": "rad/s or m/s", "u": "N m or N", "a": "rad/s² or m/s²"}
+    return (
+        *ports,
+        *(Port(key, (len(entries[key]),), units[key], tuple(entries[key])) for key in "vua" if key in reads),
+    )
+
+
+def _port(name: str, entries: list[tuple[str, str]]) -> Port:
+    units = {unit for _, unit in entries}
+    return Port(
+        name, (len(entries),), units.pop() if len(units) == 1 else "rad or m", tuple(word for word, _ in entries)
+    )
+
+
+def _spread(names: list[tuple[str, str]], size: int) -> list[str]:
+    """Names of entries, numbered where there are more entries than names."""
+    plain = [name for name, _ in names]
+    return plain if len(plain) == size else [str(k) for k in range(size)]
+
+
+def _names(scene: Scene) -> list[tuple[str, str]]:
+    """A name and a unit of every number of x."""
+    found = list[tuple[str, str]]()
+    tree = scene.model.mechanism.tree
+    for joint in scene.own.joints:
+        name, kind = tree.joints[joint.number - 1].name, joint.kind
+        plain = joint.x.stop - joint.x.start - (4 if kind.unit == 4 else 0)
+        parts = kind.components or [""]
+        for part, slides in zip(parts[:plain], kind.slides, strict=False):
+            found.append((f"{name}:{part}" if part else name, "m" if slides else "rad"))
+        found += [(f"{name}:{part}", "1") for part in ("qx", "qy", "qz", "qw")] if kind.unit == 4 else []
+    found += [
+        (f"{tree.joints[turn.ball.joint.number - 1].name}:r{'xyz'[turn.axis]}", "rad") for turn in scene.own.turns
+    ]
+    return found
+
+
+def _output_ports(outputs: dict[str, Table]) -> tuple[Port, ...]:
+    return tuple(
+        Port(name, table.shape, QUANTITIES[name].unit if name in QUANTITIES else "", tuple(_places(table.shape)))
+        for name, table in outputs.items()
+    )
+
+
+def _places(shape: tuple[int, ...]) -> list[str]:
+    return [",".join(map(str, place)) for place in np.ndindex(*shape)]
+
+
+def _split(nodes: Sequence[Node], ports: Sequence[Port]) -> list[Table]:
+    ends = np.cumsum([port.size for port in ports])[:-1]
+    return np.split(np.array(nodes, dtype=object), ends)
+
+
+def _arguments(scene: Scene, at: dict[str, Table]) -> list[Expression]:
+    """Values for the scene's inputs; 0 for those that nothing reads."""
+    x = np.zeros(len(scene.own.near), dtype=object)
+    x[list(scene.own.q.places)], x[list(scene.own.dependent)] = at["q"], at["y"]
+    others = [at.get(name, np.zeros(len(scene.inputs[name]), dtype=object)) for name in "vua"]
+    return [*x, *(entry for each in others for entry in each)]
+
+
+def _newton(tape: Tape, own: Numbering, closure: Code, q: Table, y: Table, steps: int) -> tuple[Table, Table]:
+    """Y after so many Newton steps of φ(q, y) = 0 from a y near by and one more with the last matrix; that correction."""
+    alone = Tape(len(own.near))
+    rows = alone.inlined(closure, [*alone.inputs, *[0] * (closure.inputs - len(own.near))])
+    slopes = [alone.derivative(rows, {k: 1}) for k in own.dependent]
+    both = alone.code([*rows, *(entry for row in zip(*slopes, strict=True) for entry in row)])
+    m, correction, matrix = len(rows), y, None
+    for _ in range(steps):
+        values = np.array(tape.inlined(both, _placed(own, q, y)), dtype=object)
+        matrix = values[m:].reshape(m, m)
+        y = y - tape.solve(matrix, values[:m, None])[:, 0]
+    residual = np.array(tape.inlined(alone.code(rows), _placed(own, q, y)), dtype=object)
+    correction = tape.solve(matrix, residual[:, None])[:, 0]
+    return y - correction, correction
+
+
+def _placed(own: Numbering, q: Table, y: Table) -> list[Expression]:
+    x = np.zeros(len(own.near), dtype=object)
+    x[list(own.q.places)], x[list(own.dependent)] = q, y
+    return x.tolist()
+
+
+def _samples(model: ReducedModel, own: Numbering, about: State, ports: Sequence[Port]) -> Array:
+    """Inputs at closed states around one, itself first, of shape (N, inputs)."""
+    rng, found = np.random.default_rng(0), [_sample(own, about, ports, np.random.default_rng(1))]
+    for _ in range(_TRIES):
+        if len(found) == SAMPLES:
+            break
+        q = model.coordinates.integrate(about.q, _SPREAD * rng.uniform(-1.0, 1.0, model.n))
+        try:
+            found.append(_sample(own, model.at(q, about), ports, rng))
+        except CcpinError:
+            continue
+    return np.array(found)
+
+
+def _sample(own: Numbering, state: State, ports: Sequence[Port], rng: np.random.Generator) -> Array:
+    x = own.numbers(state.q_free)
+    known = {"q": x[list(own.q.places)], "y": x[list(own.dependent)]}
+    return np.concatenate([known[p.name] if p.name in known else rng.uniform(-1.0, 1.0, p.size) for p in ports])
