@@ -18,8 +18,8 @@ class Instruction(NamedTuple):
     Attributes:
         kind: Its code.
         target: The number of the value it defines (for SOLVE: of nothing; its PARTs define the values).
-        a, b: Numbers of its operands: SINE and COSINE know each other by b (where both are there for sure); PART is column b of a row-major
-            solution of SOLVE a; SOLVE keeps a `LinearSystem` in b, GAIN the order of its derivative.
+        a, b: Numbers of its operands: SINE and COSINE know each other by b where both are sure to be there; PART is
+            column b of a row-major solution of SOLVE a; SOLVE keeps a `LinearSystem` in b, GAIN its order.
         constant: The factor of SCALE, the value of CONSTANT.
     """
 

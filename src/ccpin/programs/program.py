@@ -70,7 +70,7 @@ class Answer(Mapping[str, Array]):
     """Outputs by name; `status` is 0 where they can be trusted.
 
     Attributes:
-        status: 0; 1 where a solve divided by what is almost 0; 2 where Newton's steps of σ had not converged. Of shape ().
+        status: 0; 1 where a solve divided by what is almost 0; 2 where Newton's steps of σ had not converged.
     """
 
     def __init__(self, outputs: dict[str, Array], status: Any) -> None:
@@ -178,10 +178,9 @@ class Program:
 
     def __str__(self) -> str:
         """It as mathematics, a line a value."""
-        names = {k: name for k, name in enumerate(_entries(self.inputs))}
-        lines = [
-            f"{self.name}: {', '.join(port.name for port in self.inputs)} ↦ {', '.join(port.name for port in self.outputs)}"
-        ]
+        names = dict(enumerate(_entries(self.inputs)))
+        reads, gives = (", ".join(port.name for port in group) for group in (self.inputs, self.outputs))
+        lines = [f"{self.name}: {reads} ↦ {gives}"]
         for item in self.code.instructions:
             names[item.target] = f"t{item.target}" if item.kind != CONSTANT else _short(item.constant)
             if item.kind != CONSTANT:
@@ -232,14 +231,8 @@ def _program_of(document: Any) -> Program:
         raise ValueError("it says nothing of ccpin.program")
     if document["version"] != _VERSION:
         raise ValueError(f"it is of version {document['version']}, this ccpin reads {_VERSION}")
-    ports = [
-        tuple(
-            Port(str(p["name"]), tuple(map(int, p["shape"])), str(p["unit"]), tuple(map(str, p["entries"])))
-            for p in document[side]
-        )
-        for side in ("inputs", "outputs")
-    ]
-    count, size = sum(port.size for port in ports[0]), int(document["size"])
+    reads, gives = (tuple(map(_port_of, document[side])) for side in ("inputs", "outputs"))
+    count, size = sum(port.size for port in reads), int(document["size"])
     instructions, defined = list[Instruction](), set(range(count))
     for entry in document["instructions"]:
         item = _read(entry)
@@ -250,13 +243,20 @@ def _program_of(document: Any) -> Program:
     results, corrections = tuple(map(int, document["results"])), tuple(map(int, document["corrections"]))
     pivots = tuple(Pivot(int(number), float.fromhex(scale)) for number, scale in document["pivots"])
     asked = {*results, *corrections, *(pivot.number for pivot in pivots)}
-    if not defined.issuperset(asked) or len(results) != sum(port.size for port in ports[1]):
+    if not defined.issuperset(asked) or len(results) != sum(port.size for port in gives):
         raise ValueError("its outputs are not there")
     code = Code(size, count, tuple(instructions), results)
     example = tuple(map(float.fromhex, document["example"]))
-    return Program(
-        str(document["name"]), *ports, code, pivots, corrections, float.fromhex(document["tolerance"]), example
-    )
+    tolerance = float.fromhex(document["tolerance"])
+    return Program(str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example)
+
+
+def _port_of(entry: Any) -> Port:
+    shape, entries = tuple(map(int, entry["shape"])), tuple(map(str, entry["entries"]))
+    port = Port(str(entry["name"]), shape, str(entry["unit"]), entries)
+    if len(entries) != port.size:
+        raise ValueError(f"{port.name} has {len(entries)} entries for {port.size} numbers")
+    return port
 
 
 def _written(item: Instruction) -> list[Any]:

@@ -23,7 +23,7 @@ from ccpin.programs.tape import Expression, Node, Tape
 
 Given = Literal["closed", "near"]
 SAMPLES, _SPREAD, _TRIES = 32, 0.15, 400  # states about the reference at which pivots are chosen
-CONVERGED = 1e-9  # of the last correction of σ's Newton steps, in the units of y: the error after it is far smaller
+CONVERGED = 1e-6  # of the last correction of σ, in the units of y: what is left after it is of the order of its square
 
 
 def record(
@@ -41,8 +41,8 @@ def record(
 
     Args:
         model: The reduced model.
-        what: Names of quantities, in the order of the outputs: `"closure"` (φ, with |p|² − 1 of quaternions that depend),
-            `"sigma"` (the numbers y that depend, of `given="near"`), `"rho"`, `"v_free"` (q̇′ = ρq̇), `"bias"` (ρ̇q̇),
+        what: Names of quantities, in the order of the outputs: `"closure"` (φ, with ½(|p|² − 1) of quaternions that
+            depend), `"sigma"` (the numbers y that depend), `"rho"`, `"v_free"` (q̇′ = ρq̇), `"bias"` (ρ̇q̇),
             `"x_rate"`, `"mass"` (D), `"mass_inverse"`, `"coriolis"` (C), `"velocity_force"` (Cq̇ + damping q̇),
             `"gravity"` (g), `"forward_dynamics"` (q̈), `"inverse_dynamics"` (u), `"generalized_force"` (τ), `"energy"`,
             `"torque"` and `"lyapunov"` of the `law`, and the names of `points` (position, with `NAME_rotation` and
@@ -50,8 +50,8 @@ def record(
         given: What is known of a configuration. `"closed"`: q and the numbers y that depend on it; `"near"`: q and the
             y of a configuration near by on the same branch, from which σ(q) is found by a fixed number of steps.
         steps: Newton steps of σ; one more with the last matrix follows.
-        derivatives: Of every quantity also its derivative by these of `"q"`, `"v"`, `"u"`, `"a"` (outputs `NAME_by_q`, …),
-            with the derivative's axis last; by q along tangent steps, with y moving along by ρ.
+        derivatives: Of every quantity also its derivative by these of `"q"`, `"v"`, `"u"`, `"a"` (outputs `NAME_by_q`,
+            …), with the derivative's axis last; by q along tangent steps, with y moving along by ρ.
         law: The law of `"torque"` and `"lyapunov"`: none, PDSimpleGravity or PDFullGravity.
         points: End effectors by names of outputs.
         near: The State it is recorded about (pivots are chosen at states around it), default the reference.
@@ -207,7 +207,7 @@ def _arguments(scene: Scene, at: dict[str, Table]) -> list[Expression]:
 
 
 def _newton(tape: Tape, own: Numbering, closure: Code, q: Table, y: Table, steps: int) -> tuple[Table, Table]:
-    """Y after so many Newton steps of φ(q, y) = 0 from a y near by and one more with the last matrix; that correction."""
+    """Y after so many Newton steps of φ(q, y) = 0 and one more with the last matrix; that last correction."""
     alone = Tape(len(own.near))
     rows = alone.inlined(closure, [*alone.inputs, *[0] * (closure.inputs - len(own.near))])
     slopes = [alone.derivative(rows, {k: 1}) for k in own.dependent]

@@ -1,0 +1,296 @@
+"""Programs as C: one text for one state at a time and for lanes of several, in double or float.
+
+The arithmetic is written once over a type R; R is a number, or a vector of as many lanes as a register has. Nothing is
+fused or reordered (the flags say so), so that every lane, every width and every machine with IEEE arithmetic gives the
+same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ccpin.programs.evaluation import gain_series
+from ccpin.programs.folding import Arithmetic, folded
+from ccpin.programs.instructions import (
+    ADD,
+    CONSTANT,
+    COSINE,
+    GAIN,
+    MULTIPLY,
+    RECIPROCAL,
+    ROOT,
+    SCALE,
+    SINE,
+    SUBTRACT,
+    Code,
+    Instruction,
+)
+from ccpin.programs.program import SMALL_PIVOT, Program
+from ccpin.programs.sine_cosine import DOUBLE, Precision
+
+PIECE = 1200  # operations a function: compilers take more than proportionally longer for more
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-fast-math")
+_WORDS = {ADD: "+", SUBTRACT: "-", MULTIPLY: "*"}
+
+
+class Text(NamedTuple):
+    """C of one program.
+
+    Attributes:
+        name: Of its function, an identifier.
+        kernel: sin and cos, the pieces and `NAME_kernel(x, out, large)` over R and I, whose meaning comes before it.
+        stack: Numbers of type R that it keeps besides what a compiler keeps.
+    """
+
+    name: str
+    kernel: str
+    stack: int
+
+
+def identifier(text: str) -> str:
+    """A C identifier that reads as a text."""
+    found = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in text).strip("_")
+    while "__" in found:
+        found = found.replace("__", "_")
+    return f"p_{found}" if not found or found[0].isdigit() else found
+
+
+def kernel_of(program: Program, name: str, precision: Precision = DOUBLE) -> Text:
+    """The arithmetic of a program over a type R, with a mask I of a comparison's type."""
+    code = folded(program.code, _DOUBLES)
+    pieces = [code.instructions[k : k + PIECE] for k in range(0, len(code.instructions), PIECE)] or [()]
+    writer = _Writer(program, code, name, precision)
+    slots = _slots(pieces, code, program)
+    bodies = [writer.piece(number, piece, slots) for number, piece in enumerate(pieces)]
+    return Text(
+        name,
+        "\n".join([_trigonometry(name, precision), *writer.helpers(), *bodies, writer.kernel(len(pieces), slots)]),
+        slots.places,
+    )
+
+
+_DOUBLES = Arithmetic(lambda value: value, math.sqrt, lambda a: 1 / a, math.atan2)
+
+
+class _Slots(NamedTuple):
+    """Where values that outlive their piece are kept: value -> place, and how many places there are."""
+
+    place: dict[int, int]
+    places: int
+
+
+def _slots(pieces: Sequence[Sequence[Instruction]], code: Code, program: Program) -> _Slots:
+    """A place for every value that a later piece or the end reads, used again after its last use."""
+    born, dies = dict[int, int](), dict[int, int]()
+    for number, piece in enumerate(pieces):
+        for item in piece:
+            born[item.target] = number
+            for operand in item.operands:
+                dies[operand] = number
+    for number in (*code.outputs, *program.corrections):
+        dies[number] = len(pieces)
+    constants = {item.target for item in code.instructions if item.kind == CONSTANT}
+    free, place, count = list[int](), dict[int, int](), 0
+    leaving: dict[int, list[int]] = {}
+    for number, piece in enumerate(pieces):
+        free += [place[value] for value in leaving.pop(number, [])]
+        for item in piece:
+            value = item.target
+            if value in constants or dies.get(value, number) == number:
+                continue
+            place[value] = free.pop() if free else count
+            count = max(count, place[value] + 1)
+            leaving.setdefault(dies[value] + 1, []).append(value)
+    return _Slots(place, count)
+
+
+class _Writer:
+    """Lines of C for instructions."""
+
+    def __init__(self, program: Program, code: Code, name: str, precision: Precision) -> None:
+        self._program, self._code, self._name, self._precision = program, code, name, precision
+        self._constants = {item.target: item.constant for item in code.instructions if item.kind == CONSTANT}
+        self._pivots = {pivot.number: pivot.scale for pivot in program.pivots}
+
+    def helpers(self) -> list[str]:
+        """Functions for what C has no operator for, where the program has it."""
+        orders = {item.b: None for item in self._code.instructions if item.kind == GAIN}
+        return [_gain(self._name, order, self._precision) for order in orders]
+
+    def piece(self, number: int, items: Sequence[Instruction], slots: _Slots) -> str:
+        """One function of the kernel."""
+        lines, here = list[str](), {item.target for item in items}
+        angles = {item.a: dict[int, int]() for item in items if item.kind in (SINE, COSINE)}
+        for item in items:
+            if item.kind in (SINE, COSINE):
+                angles[item.a][item.kind] = item.target
+        for item in items:
+            for operand in item.operands:
+                if operand not in here and operand in slots.place:
+                    lines.append(f"const R t{operand} = m[{slots.place[operand]}];")
+                    here.add(operand)
+            if item.kind in (SINE, COSINE):
+                pair = angles.pop(item.a, {})
+                lines += self._sine_cosine(item.a, pair)
+                new = list(pair.values())
+            elif item.kind != CONSTANT:
+                lines.append(f"const R t{item.target} = {self._value(item)};")
+                new = [item.target]
+            else:
+                new = []
+            lines += [f"m[{slots.place[value]}] = t{value};" for value in new if value in slots.place]
+            for value in new:
+                if value in self._pivots:
+                    low = (SMALL_PIVOT * self._pivots[value]) ** 2
+                    lines.append(f"ok &= ABOVE(t{value} * t{value}, {self._literal(low)});")
+        head = f"static inline I {self._name}_piece{number}(const R x[], R m[])"
+        return _function(head, ["I ok = EVERY;", *lines, "(void)x;", "(void)m;", "return ok;"])
+
+    def _sine_cosine(self, angle: int, pair: dict[int, int]) -> list[str]:
+        """Both of an angle, where they are not there yet."""
+        if not pair:
+            return []
+        names = [f"t{pair[kind]}" if kind in pair else f"unused{angle}" for kind in (SINE, COSINE)]
+        call = f"{self._name}_sincos({self._operand(angle)}, &{names[0]}, &{names[1]});"
+        return [f"R {names[0]}, {names[1]};", call, *(f"(void){name};" for name in names if name.startswith("unused"))]
+
+    def kernel(self, pieces: int, slots: _Slots) -> str:
+        """All pieces, and the outputs; the mask is of rows to be trusted, `large` of those whose pivots were large."""
+        program = self._program
+        lines = [f"R m[{max(slots.places, 1)}];", "I ok = EVERY;"]
+        lines += [f"ok &= {self._name}_piece{number}(x, m);" for number in range(pieces)]
+        lines += ["*large = ok;"]
+        if program.corrections:
+            squares = " + ".join(f"{self._kept(k, slots)} * {self._kept(k, slots)}" for k in program.corrections)
+            lines.append(f"ok &= ABOVE({self._literal(program.tolerance**2)}, {squares});")
+        lines += [f"out[{k}] = {self._kept(number, slots)};" for k, number in enumerate(self._code.outputs)]
+        lines += ["(void)x;", "(void)out;", "return ok;"]
+        return _function(f"static inline I {self._name}_kernel(const R x[], R out[], I *large)", lines)
+
+    def _kept(self, number: int, slots: _Slots) -> str:
+        if number < self._code.inputs:
+            return f"x[{number}]"
+        if number in self._constants:
+            return f"((R){{0}} + {self._literal(self._constants[number])})"
+        return f"m[{slots.place[number]}]"
+
+    def _value(self, item: Instruction) -> str:
+        kind, a = item.kind, self._operand(item.a)
+        if kind in _WORDS:
+            return f"{a} {_WORDS[kind]} {self._operand(item.b)}"
+        if kind == SCALE:
+            return f"-{a}" if item.constant == -1 else f"{self._literal(item.constant)} * {a}"
+        if kind == RECIPROCAL:
+            return f"{self._literal(1.0)} / {a}"
+        if kind == GAIN:
+            return f"{self._name}_gain{item.b}({a})"
+        if kind == ROOT:
+            return f"ROOT({a})"
+        return f"ANGLE({a}, {self._operand(item.b)})"
+
+    def _operand(self, number: int) -> str:
+        if number < self._code.inputs:
+            return f"x[{number}]"
+        return self._literal(self._constants[number]) if number in self._constants else f"t{number}"
+
+    def _literal(self, value: object) -> str:
+        text = f"{float(value)!r}{self._precision.suffix}"  # type: ignore[arg-type]
+        return f"({text})" if text.startswith("-") else text
+
+
+def _function(head: str, lines: Sequence[str]) -> str:
+    return "\n".join([head, "{", *(f"    {line}" for line in lines), "}"])
+
+
+def _trigonometry(name: str, precision: Precision) -> str:
+    """Sine and cosine, as `sine_cosine` has them."""
+
+    def literal(value: float) -> str:
+        return f"({value!r}{precision.suffix})"
+
+    def horner(coefficients: Sequence[float]) -> str:
+        text = literal(coefficients[-1])
+        for coefficient in reversed(coefficients[:-1]):
+            text = f"({literal(coefficient)} + z * {text})"
+        return text
+
+    big, one, half = literal(precision.rounder), literal(1.0), literal(0.5)
+    first, second, third = map(literal, precision.parts)
+    return f"""static inline void {name}_sincos(R x, R *sine, R *cosine)
+{{
+    const R k = (x * {literal(2.0 / math.pi)} + {big}) - {big};
+    const R r = ((x - k * {first}) - k * {second}) - k * {third};
+    const R z = r * r;
+    const R s = r + (r * z) * {horner(precision.sine)};
+    const R c = ({one} - {half} * z) + (z * z) * {horner(precision.cosine)};
+    const R h = k * {half}, w = k * {literal(0.25)};
+    const R e = h - ((h + {big}) - {big}), f = w - ((w + {big}) - {big});
+    const R b = e + e;
+    const R a = ({one} - b * b) * ({one} - {literal(8.0)} * (f * f));
+    *sine = s * a + c * b;
+    *cosine = c * a - s * b;
+}}"""
+
+
+def _gain(name: str, order: int, precision: Precision) -> str:
+    """A derivative of g(w) = 2 arccos(w)/√(1 − w²): of each lane by itself."""
+    terms = ", ".join(f"{value!r}{precision.suffix}" for value in gain_series(order)[:40])
+    return f"""static inline R {name}_gain{order}(R w)
+{{
+    static const S terms[40] = {{{terms}}};
+    R found = (R){{0}};
+    for (int lane = 0; lane < LANES; lane++) {{
+        const S at = LANE(w, lane);
+        S g = 0;
+        if (at < (S)0.5) {{
+            const S rest = 1 - at * at;
+            S last = 2 * ACOS(at) / SQRT(rest), next = (at * last - 2) / rest;
+            g = {"last" if order == 0 else "next"};
+            for (int k = 1; k < {order}; k++) {{
+                g = ((S)(2 * k + 1) * at * next + (S)(k * k) * last) / rest;
+                last = next;
+                next = g;
+            }}
+            (void)next;
+        }} else {{
+            const S z = (1 - at) / 2;
+            for (int k = 39; k >= 0; k--) {{ g = g * z + terms[k]; }}
+        }}
+        LANE(found, lane) = g;
+    }}
+    return found;
+}}"""
+
+
+def scalar_macros(precision: Precision) -> str:
+    """What the kernel's text rests on, for one state at a time."""
+    suffix = precision.suffix
+    return f"""typedef {precision.name} S;
+typedef S R;
+typedef int I;
+#define EVERY (-1)
+#define LANES 1
+#define LANE(value, lane) (value)
+#define ABOVE(a, b) (-((a) > (b)))
+#define ROOT(a) sqrt{suffix}(a)
+#define ANGLE(a, b) atan2{suffix}(a, b)
+#define SQRT(a) sqrt{suffix}(a)
+#define ACOS(a) acos{suffix}(a)"""
+
+
+def lane_macros(precision: Precision, lanes: int) -> str:
+    """The same for vectors of so many lanes (GCC's and Clang's vector extension)."""
+    suffix, mask = precision.suffix, {"double": "long long", "float": "int"}[precision.name]
+    return f"""typedef {precision.name} S;
+typedef S R __attribute__((vector_size({lanes} * sizeof(S))));
+typedef {mask} I __attribute__((vector_size({lanes} * sizeof(S))));
+#define LANES {lanes}
+#define EVERY ((I){{0}} - 1)
+#define LANE(value, lane) ((value)[lane])
+#define ABOVE(a, b) ((a) > (b))
+#define SQRT(a) sqrt{suffix}(a)
+#define ACOS(a) acos{suffix}(a)
+static inline R ROOT(R a) {{ for (int k = 0; k < LANES; k++) a[k] = sqrt{suffix}(a[k]); return a; }}
+static inline R ANGLE(R a, R b) {{ for (int k = 0; k < LANES; k++) a[k] = atan2{suffix}(a[k], b[k]); return a; }}"""

@@ -1,0 +1,270 @@
+"""Programs compiled with the system's compiler, many states at a time: 4 or 8 lanes a vector, threads over rows."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.programs.c_code import kernel_of, lane_macros
+from ccpin.programs.program import Program
+from ccpin.programs.sine_cosine import DOUBLE, FLOAT
+
+Format = Literal["double", "float"]
+_PRECISIONS = {"double": DOUBLE, "float": FLOAT}
+_FLAGS = (
+    "-std=gnu99",
+    "-O2",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-shared",
+    "-fPIC",
+    "-Wno-psabi",
+)
+_CHUNK = 4096  # rows a thread takes at a time
+
+
+class NoCompilerError(CcpinError):
+    """No C compiler, or none that compiles."""
+
+
+class Width(NamedTuple):
+    """What this machine's vectors are.
+
+    Attributes:
+        name: As the processor calls it.
+        flags: What makes the compiler use it.
+        bytes: Of a vector.
+    """
+
+    name: str
+    flags: tuple[str, ...]
+    bytes: int
+
+
+def width() -> Width:
+    """The widest vectors that this processor has."""
+    if platform.machine() not in ("x86_64", "AMD64"):
+        return Width("neon" if platform.machine() in ("aarch64", "arm64") else "generic", (), 32)
+    known = _flags_of_processor()
+    if {"avx512f", "avx512dq", "avx512vl"} <= known:
+        return Width("avx512", ("-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-vector-width=512"), 64)
+    return Width("avx2", ("-mavx2",), 32) if "avx2" in known else Width("sse2", (), 32)
+
+
+def _flags_of_processor() -> set[str]:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return set()
+    return next((set(line.split(":")[1].split()) for line in lines if line.startswith("flags")), set())
+
+
+class CompiledProgram:
+    """A program in lanes.
+
+    Args:
+        program: The program.
+        format: Of the arithmetic; a float program takes and gives doubles all the same, in its own precision.
+        vectors: Their width, default the widest there is.
+
+    Raises:
+        NoCompilerError: There is no compiler (`CC`, cc, gcc or clang), or it fails.
+    """
+
+    def __init__(self, program: Program, format: Format = "double", vectors: Width | None = None) -> None:
+        self.program, self.format = program, format
+        self._type = np.dtype(np.float64 if format == "double" else np.float32)
+        self._run = _loaded(source(program, format, vectors or width()), (vectors or width()).flags)
+
+    def __call__(self, *inputs: ArrayLike, threads: int = 1) -> tuple[NDArray[Any], ...]:
+        """The outputs, each of shape (N, …), and the status, (N,), at inputs of shape (N, …), or of one row for all."""
+        ports = self.program.inputs
+        if len(inputs) != len(ports):
+            raise InvalidInputError(f"{len(inputs)} inputs for {', '.join(port.name for port in ports)}")
+        tables = [np.asarray(value, dtype=self._type) for value in inputs]
+        rows = max((len(t) for t, port in zip(tables, ports, strict=True) if t.ndim > len(port.shape)), default=1)
+        flat = list[NDArray[Any]]()
+        for table, port in zip(tables, ports, strict=True):
+            whole = table.shape == port.shape
+            if not whole and (table.ndim != len(port.shape) + 1 or table.shape[1:] != port.shape or len(table) != rows):
+                raise InvalidInputError(f"{port.name} must be of shape {port.shape} or ({rows}, …), not {table.shape}")
+            wide = np.broadcast_to(table, (rows, *port.shape)) if whole else table
+            flat.append(wide.reshape(rows, port.size) if len(port.shape) != 1 else wide)
+        found = [np.empty((rows, port.size), dtype=self._type) for port in self.program.outputs]
+        status = np.empty(rows, dtype=np.int32)
+        self._fill(flat, found, status, threads)
+        shaped = (f.reshape(rows, *port.shape) for f, port in zip(found, self.program.outputs, strict=True))
+        return (*shaped, status)
+
+    def _fill(
+        self, inputs: list[NDArray[Any]], outputs: list[NDArray[Any]], status: NDArray[Any], threads: int
+    ) -> None:
+        size, rows = self._type.itemsize, len(status)
+        tables = [*inputs, *outputs]
+        strides = [s // size for table in tables for s in table.strides]
+
+        def some(first: int, last: int) -> None:
+            places = [table.ctypes.data + first * table.strides[0] for table in tables]
+            pointers = (ctypes.c_void_p * max(len(places), 1))(*places)
+            steps = (ctypes.c_long * max(len(strides), 1))(*strides)
+            self._run(ctypes.c_long(last - first), pointers, steps, ctypes.c_void_p(status.ctypes.data + 4 * first))
+
+        if threads == 1 or rows <= _CHUNK:
+            some(0, rows)
+            return
+        cuts = range(0, rows, _CHUNK)
+        with ThreadPoolExecutor(threads) as pool:
+            for done in [pool.submit(some, k, min(k + _CHUNK, rows)) for k in cuts]:
+                done.result()
+
+
+def source(program: Program, format: Format, vectors: Width) -> str:
+    """The C that is compiled."""
+    precision = _PRECISIONS[format]
+    lanes = vectors.bytes // (8 if format == "double" else 4)
+    name = "program"
+    text = kernel_of(program, name, precision)
+    ins, outs = [port.size for port in program.inputs], [port.size for port in program.outputs]
+    return "\n".join(
+        [
+            "#include <math.h>\n#include <string.h>",
+            lane_macros(precision, lanes),
+            text.kernel,
+            _LOAD,
+            _many(name, ins, outs),
+        ]
+    )
+
+
+_LOAD = """static inline void load(R *to, const S *from, long row, long entry, int size, long left)
+{
+    for (int k = 0; k < size; k++) {
+        if (row == 1 && left >= LANES) {
+            memcpy(&to[k], from + k * entry, sizeof(R));
+        } else {
+            R value;
+            for (int lane = 0; lane < LANES; lane++)
+                value[lane] = from[(lane < left ? lane : left - 1) * row + k * entry];
+            to[k] = value;
+        }
+    }
+}
+static inline void store(const R *from, S *to, long row, long entry, int size, long left)
+{
+    for (int k = 0; k < size; k++)
+        for (int lane = 0; lane < LANES && lane < left; lane++) to[lane * row + k * entry] = from[k][lane];
+}"""
+
+
+def _many(name: str, inputs: Sequence[int], outputs: Sequence[int]) -> str:
+    """The loop over rows: `tables` are the inputs, then the outputs; `steps` how far rows and entries are apart."""
+
+    def moved(word: str, place: str, kind: str, k: int, size: int) -> str:
+        row, entry = f"steps[{2 * k}]", f"steps[{2 * k + 1}]"
+        return f"{word}({place}, ({kind} *)tables[{k}] + i * {row}, {row}, {entry}, {size}, n - i);"
+
+    starts, ends = ([sum(sizes[:k]) for k in range(len(sizes) + 1)] for sizes in (inputs, outputs))
+    loads = [moved("load", f"x + {starts[k]}", "const S", k, size) for k, size in enumerate(inputs)]
+    stores = [moved("store", f"out + {ends[k]}", "S", len(inputs) + k, size) for k, size in enumerate(outputs)]
+    lines = [
+        f"R x[{max(starts[-1], 1)}], out[{max(ends[-1], 1)}];",
+        "for (long i = 0; i < n; i += LANES) {",
+        *(f"    {line}" for line in loads),
+        "    I large;",
+        f"    const I ok = {name}_kernel(x, out, &large);",
+        *(f"    {line}" for line in stores),
+        "    for (int lane = 0; lane < LANES && i + lane < n; lane++)",
+        "        status[i + lane] = ok[lane] ? 0 : large[lane] ? 2 : 1;",
+        "}",
+    ]
+    return "\n".join(
+        [
+            "void many(long n, void *const tables[], const long steps[], int status[])",
+            "{",
+            *(f"    {line}" for line in lines),
+            "}",
+        ]
+    )
+
+
+def compiler() -> str:
+    """The C compiler's path.
+
+    Raises:
+        NoCompilerError: There is none.
+    """
+    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        if name and (found := shutil.which(name)):
+            return found
+    raise NoCompilerError(
+        "there is no C compiler (cc, gcc or clang): programs run in NumPy, and the compiled core stands"
+    )
+
+
+def _loaded(text: str, flags: Sequence[str]) -> Any:
+    """The function `many` of a text, compiled once and kept in a folder that is the user's alone."""
+    using = compiler()
+    key = sha256("\0".join([text, using, *_FLAGS, *flags]).encode()).hexdigest()
+    path = _cache() / f"{key}.so"
+    if not _is_own(path):
+        _compile(text, using, flags, path)
+    function = ctypes.CDLL(str(path)).many
+    function.restype = None
+    return function
+
+
+def _cache() -> Path:
+    """A folder of mode 700 that belongs to the user."""
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ccpin" / "programs"
+    home.mkdir(parents=True, exist_ok=True, mode=0o700)
+    held = home.stat()
+    if held.st_uid != os.getuid() or held.st_mode & 0o077:
+        if held.st_uid != os.getuid():
+            raise CcpinError(f"{home} belongs to somebody else: what is compiled is not kept or run there")
+        home.chmod(0o700)
+    return home
+
+
+def _is_own(path: Path) -> bool:
+    """Whether a library is there, is the user's alone, and is what was compiled."""
+    told = path.with_suffix(".sha256")
+    try:
+        held = path.lstat()
+        same = told.read_text() == sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return False
+    return same and held.st_uid == os.getuid() and not held.st_mode & 0o022 and path.is_file() and not path.is_symlink()
+
+
+def _compile(text: str, using: str, flags: Sequence[str], path: Path) -> None:
+    """Compile a text into a library of the cache, whole or not at all.
+
+    Raises:
+        NoCompilerError: It fails.
+    """
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        made, written = Path(folder) / "program.so", Path(folder) / "program.c"
+        written.write_text(text)
+        command = [using, *_FLAGS, *flags, "-o", str(made), str(written), "-lm"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise NoCompilerError(f"{using} does not compile the program: {done.stderr.strip()[:400]}")
+        made.chmod(0o700)
+        told = Path(folder) / "sum"
+        told.write_text(sha256(made.read_bytes()).hexdigest())
+        told.replace(path.with_suffix(".sha256"))
+        made.replace(path)
