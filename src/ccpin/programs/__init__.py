@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 from ccpin.programs.program import Answer, Port, Program, load
 
 if TYPE_CHECKING:
+    from ccpin.programs.compiled_model import compiled
     from ccpin.programs.recorder import record
 
-__all__ = ["Answer", "Port", "Program", "load", "record"]
+__all__ = ["Answer", "Port", "Program", "compiled", "load", "record"]
 __dir__ = __all__.copy
 
 
@@ -21,4 +22,8 @@ def __getattr__(name: str) -> Any:
         from ccpin.programs.recorder import record
 
         return record
+    if name == "compiled":
+        from ccpin.programs.compiled_model import compiled
+
+        return compiled
     raise AttributeError(f"module 'ccpin.programs' has no attribute {name!r}")

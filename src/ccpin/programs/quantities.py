@@ -86,6 +86,12 @@ def inverse(scene: Scene) -> Table:
     return efforts(scene.tape, transmission(scene.model, scene.recorded.motion.rho), generalized_force(scene))
 
 
+def _rho_dot(scene: Scene) -> Table:
+    """ρ̇ along q̇."""
+    rho, way = scene.recorded.motion.rho, dict(enumerate(scene.recorded.motion.x_rate))
+    return np.array(scene.tape.derivative(rho.ravel().tolist(), way, held=False), dtype=object).reshape(rho.shape)
+
+
 def _mass_inverse(scene: Scene) -> Table:
     return scene.tape.solve(scene.recorded.terms.mass, np.eye(scene.model.n, dtype=object))
 
@@ -168,6 +174,7 @@ QUANTITIES = {
     "sigma": Quantity("", (), _sigma),
     "closure": Quantity("", (), lambda scene: np.array(scene.recorded.closure, dtype=object)),
     "rho": Quantity("", (), lambda scene: scene.recorded.motion.rho),
+    "rho_dot": Quantity("", ("v",), _rho_dot),
     "v_free": Quantity("", ("v",), lambda scene: scene.recorded.motion.v_free),
     "bias": Quantity("", ("v",), lambda scene: scene.recorded.motion.bias),
     "x_rate": Quantity("", ("v",), lambda scene: scene.recorded.motion.x_rate),

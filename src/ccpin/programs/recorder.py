@@ -42,8 +42,8 @@ def record(
     Args:
         model: The reduced model.
         what: Names of quantities, in the order of the outputs: `"closure"` (φ, with ½(|p|² − 1) of quaternions that
-            depend), `"sigma"` (the numbers y that depend), `"rho"`, `"v_free"` (q̇′ = ρq̇), `"bias"` (ρ̇q̇),
-            `"x_rate"`, `"mass"` (D), `"mass_inverse"`, `"coriolis"` (C), `"velocity_force"` (Cq̇ + damping q̇),
+            depend), `"sigma"` (the numbers y that depend), `"rho"`, `"v_free"` (q̇′ = ρq̇), `"rho_dot"`, `"bias"`
+            (ρ̇q̇), `"x_rate"`, `"mass"` (D), `"mass_inverse"`, `"coriolis"` (C), `"velocity_force"` (Cq̇ + damping q̇),
             `"gravity"` (g), `"forward_dynamics"` (q̈), `"inverse_dynamics"` (u), `"generalized_force"` (τ), `"energy"`,
             `"torque"` and `"lyapunov"` of the `law`, and the names of `points` (position, with `NAME_rotation` and
             `NAME_jacobian` beside it).
