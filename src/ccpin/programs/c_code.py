@@ -173,7 +173,7 @@ class _Writer:
         if number < self._code.inputs:
             return f"x[{number}]"
         if number in self._constants:
-            return f"((R){{0}} + {self._literal(self._constants[number])})"
+            return f"CONSTANT({self._literal(self._constants[number])})"
         return f"m[{slots.place[number]}]"
 
     def _value(self, item: Instruction) -> str:
@@ -249,7 +249,7 @@ def _gain(name: str, order: int, precision: Precision) -> str:
     return f"""static inline R {name}_gain{order}(R w)
 {{
     static const S terms[40] = {{{terms}}};
-    R found = (R){{0}};
+    R found = CONSTANT(0);
     for (int lane = 0; lane < LANES; lane++) {{
         const S at = LANE(w, lane);
         S g = 0;
@@ -281,6 +281,7 @@ typedef S R;
 typedef int I;
 #define APART inline
 #define EVERY (-1)
+#define CONSTANT(value) (value)
 #define LANES 1
 #define LANE(value, lane) (value)
 #define ABOVE(a, b) (-((a) > (b)))
@@ -300,6 +301,7 @@ typedef {mask} I __attribute__((vector_size({lanes} * sizeof(S))));
 #define BITS(a) ((I)(a))
 #define APART __attribute__((noinline))
 #define EVERY ((I){{0}} - 1)
+#define CONSTANT(value) ((R){{0}} + (value))
 #define LANE(value, lane) ((value)[lane])
 #define ABOVE(a, b) ((a) > (b))
 #define SQRT(a) sqrt{suffix}(a)

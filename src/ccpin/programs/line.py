@@ -12,7 +12,7 @@ from ccpin.programs.tape import Node, Tape
 
 
 def from_a_line(program: Program, names: Sequence[str]) -> Program:
-    """A program given `"near"` with an output `"sigma"`, started at y₀ + slope (q − q₀); its inputs: q, q0, y, slope, ….
+    """A program given `"near"` with an output `"sigma"`, started at y₀ + slope (q − q₀), of q, q0, y, slope, ….
 
     Its outputs are those named and `"bend"`: |σ − y₁|² and |y₁ − y₀|², y₁ being where it started.
     """

@@ -5,7 +5,7 @@ Every quantity is a function of the numbers x of a closed configuration, and of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from ccpin.control.control_law import ControlLaw
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
+from ccpin.programs.recording.constants import Constants, Parameter
 from ccpin.programs.recording.recorded_laws import efforts, law_terms, transmission
 from ccpin.programs.recording.recorded_model import Numbering, RecordedModel, recorded_model
 from ccpin.programs.recording.recorded_tree import Table, exact, exact_placement, rational
@@ -28,9 +29,10 @@ class Scene(NamedTuple):
         model: The model.
         own: The numbers x.
         recorded: The model's closures and dynamics.
-        inputs: x, v = q̇, u and a = q̈, each of shape (n_x,), (n,) or (motors,).
+        inputs: x, v = q̇, u and a = q̈, each of shape (n_x,), (n,) or (motors,), and parameters p.
         law: The law, where one is recorded.
         points: Points of links, by the names of their outputs.
+        constants: The constants, some of them parameters.
     """
 
     tape: Tape
@@ -40,6 +42,7 @@ class Scene(NamedTuple):
     inputs: dict[str, Table]
     law: ControlLaw | None
     points: dict[str, EndEffector]
+    constants: Constants
 
 
 class Quantity(NamedTuple):
@@ -57,15 +60,21 @@ class Quantity(NamedTuple):
 
 
 def scene_of(
-    model: ReducedModel, own: Numbering, near: Any, law: ControlLaw | None, points: dict[str, EndEffector]
+    model: ReducedModel,
+    own: Numbering,
+    near: Any,
+    law: ControlLaw | None,
+    points: dict[str, EndEffector],
+    parameters: Sequence[Parameter] = (),
 ) -> Scene:
     """A fresh tape with a model on it."""
-    sizes = {"x": len(own.near), "v": model.n, "u": model.n_actuated, "a": model.n}
+    sizes = {"x": len(own.near), "v": model.n, "u": model.n_actuated, "a": model.n, "p": len(parameters)}
     tape = Tape(sum(sizes.values()))
     ends = np.cumsum(list(sizes.values()))[:-1]
-    x, v, u, a = np.split(np.array(tape.inputs, dtype=object), ends)
-    recorded = recorded_model(tape, model, own, (x, v), near)
-    return Scene(tape, model, own, recorded, {"x": x, "v": v, "u": u, "a": a}, law, points)
+    inputs = dict(zip(sizes, np.split(np.array(tape.inputs, dtype=object), ends), strict=True))
+    constants = Constants(model, dict(zip(parameters, inputs["p"], strict=True)))
+    recorded = recorded_model(tape, model, own, (inputs["x"], inputs["v"]), near, constants)
+    return Scene(tape, model, own, recorded, inputs, law, points, constants)
 
 
 def forward(scene: Scene) -> Table:
@@ -107,9 +116,7 @@ def _velocity_force(scene: Scene) -> Table:
 
 def _damping(scene: Scene) -> Table:
     """ρᵀB′ρ."""
-    stated = [
-        rational(joint.stated.damping) for joint in scene.model.mechanism.tree.joints for _ in range(joint.kind.nv)
-    ]
+    stated = [scene.constants.damping(joint) for joint in scene.own.joints for _ in range(joint.kind.nv)]
     rho = scene.recorded.motion.rho
     return rho.T @ (np.array(stated, dtype=object)[:, None] * rho)
 
