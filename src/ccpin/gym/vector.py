@@ -156,8 +156,8 @@ class MechanismVectorEnv(VectorEnv):  # type: ignore[misc]
         u = np.clip(u, *self._bounds)
         sound = self._move(u)
         self._age += 1
-        moves = Moves(self._q, self._v, u, self._aim, self._p)
-        rewards = np.asarray(self._reward(moves), dtype=np.float64)
+        moves = Moves(*(each.copy() for each in (self._q, self._v, u, self._aim, self._p)))
+        rewards = np.array(self._reward(moves), dtype=np.float64)
         over = ~sound if self._done is None else ~sound | np.asarray(self._done(moves), dtype=np.bool_)
         late = ~over & (self._age >= self._horizon)
         told: dict[str, Any] = {"refused": ~sound}
