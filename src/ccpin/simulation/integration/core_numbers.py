@@ -11,7 +11,6 @@ from ccpin.arrays import Array
 from ccpin.control.statements import Statement
 from ccpin.dynamics.reduced_model import ReducedModel
 
-
 _KINDS = ("constant", "pd", "pd_gravity", "computed_torque", "pd_plus")  # the core knows these
 
 
