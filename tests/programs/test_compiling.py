@@ -203,7 +203,7 @@ def test_no_compiler_at_all(monkeypatch):
 
 def _together(path: str, folder: str) -> bool:
     os.environ["XDG_CACHE_HOME"] = folder
-    return bool(right(programs.load(path)))
+    return bool(right(programs.Program.load(path)))
 
 
 def test_two_processes_at_once(program, tmp_path):
