@@ -165,9 +165,8 @@ def test_hostile_compilers(program, cache, monkeypatch, tmp_path, text, told):
 
 
 def test_a_compiler_that_computes_something_else(program, cache, monkeypatch, tmp_path):
-    """The example does not come out: π/2 in three parts lacks one."""
-    part = "0.7853981633974483"
-    swap = f'for word; do case "$word" in *.c) sed -i "s/0[.]6366197723675814/{part}/" "$word";; esac; done; '
+    """The example does not come out: a coefficient of the sine is another."""
+    swap = 'for word; do case "$word" in *.c) sed -i "s/0[.]16666/0.17777/g" "$word";; esac; done; '
     monkeypatch.setenv("CC", script(tmp_path, f'{swap}exec {FOUND} "$@"'))
     with pytest.raises(NoCompilerError, match="something else"):
         CompiledProgram(program)
