@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from ccpin.programs.instructions import (
     ADD,
+    ANGLE,
     CONSTANT,
     GAIN,
     MULTIPLY,
@@ -77,8 +78,9 @@ class _Reader:
             return _Signed(a.minus, self._value(RECIPROCAL, a.number))
         if kind == CONSTANT:
             return _Signed(False, self._value(CONSTANT, constant=item.constant))
-        operands = [self.plain(self.found[number]) for number in item.operands]
-        return _Signed(False, self._value(kind, operands[0], item.b if kind == GAIN else [*operands, None][1]))
+        first = self.plain(self.found[item.a])
+        second = self.plain(self.found[item.b]) if kind == ANGLE else item.b if kind == GAIN else None
+        return _Signed(False, self._value(kind, first, second))
 
     def _sum(self, a: _Signed, b: _Signed) -> _Signed:
         if a.minus == b.minus:
