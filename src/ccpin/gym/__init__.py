@@ -10,8 +10,8 @@ except ImportError:
     raise CcpinError("ccpin.gym needs gymnasium: pip install 'ccpin[gym]'") from None
 
 from ccpin.gym.environment import MechanismEnv
-from ccpin.gym.vector import MechanismVectorEnv, Moves, reach
+from ccpin.gym.vector import MechanismVectorEnv
 
 del _gymnasium
-__all__ = ["MechanismEnv", "MechanismVectorEnv", "Moves", "reach"]
+__all__ = ["MechanismEnv", "MechanismVectorEnv"]
 __dir__ = __all__.copy
