@@ -16,7 +16,7 @@ from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.programs.instructions import Code
 from ccpin.programs.lowering import lowered
 from ccpin.programs.program import Port, Program
-from ccpin.programs.quantities import QUANTITIES, Recording, along, jacobian_of, pose_of, recording_of
+from ccpin.programs.quantities import QUANTITIES, TapedModel, along, jacobian_of, pose_of, taped_model
 from ccpin.programs.recording.constants import Parameter, parameters_of
 from ccpin.programs.recording.recorded_model import Numbering, numbering
 from ccpin.programs.recording.recorded_tree import Table
@@ -76,7 +76,7 @@ def record(
     state = model.at(model.alpha(reference), reference) if near is None else model.at(near)
     own = numbering(model, state.q_free)
     symbols = parameters_of(model, tuple(parameters))
-    scene = recording_of(model, own, state.q_free, law, ends, symbols)
+    scene = taped_model(model, own, state.q_free, law, ends, symbols)
     if asked == ("step",):
         return _step(scene, state, symbols)
     outputs = _outputs(scene, asked, tuple(derivatives))
@@ -93,7 +93,7 @@ def record(
 
 
 def _program(
-    scene: Recording,
+    scene: TapedModel,
     asked: Sequence[str],
     ports: tuple[tuple[Port, ...], tuple[Port, ...]],
     recorded: tuple[Tape, Sequence[Expression], Sequence[Expression]],
@@ -112,7 +112,7 @@ def _program(
     )  # fmt: skip
 
 
-def _step(scene: Recording, about: State, symbols: Sequence[Parameter]) -> Program:
+def _step(scene: TapedModel, about: State, symbols: Sequence[Parameter]) -> Program:
     """One step of the motion (`stepping`)."""
     q, y, *rest = _input_ports(scene, {"v", "u"}, symbols)
     ports = (q, y, *rest, Port("h", (1,), "s", ("h",)))
@@ -169,7 +169,7 @@ def _require_known(
         instance(end, f"points[{name!r}]", EndEffector)
 
 
-def _outputs(scene: Recording, asked: tuple[str, ...], derivatives: tuple[str, ...]) -> dict[str, Table]:
+def _outputs(scene: TapedModel, asked: tuple[str, ...], derivatives: tuple[str, ...]) -> dict[str, Table]:
     """Tables of expressions by the names of their outputs."""
     found = dict[str, Table]()
     for name in asked:
@@ -185,13 +185,13 @@ def _outputs(scene: Recording, asked: tuple[str, ...], derivatives: tuple[str, .
     return found
 
 
-def _inputs_read(scene: Recording, code: Code) -> set[str]:
+def _inputs_read(scene: TapedModel, code: Code) -> set[str]:
     """Which of v, u, a an output depends on."""
     used = {number for item in code.instructions for number in item.operands} | set(code.outputs)
     return {name for name, nodes in scene.inputs.items() if used & {node.index for node in nodes}}
 
 
-def _input_ports(scene: Recording, reads: set[str], symbols: Sequence[Parameter]) -> tuple[Port, ...]:
+def _input_ports(scene: TapedModel, reads: set[str], symbols: Sequence[Parameter]) -> tuple[Port, ...]:
     """q and y, what else is read, and the parameters."""
     numbers = _names(scene)
     own, model = scene.own, scene.model
@@ -226,7 +226,7 @@ def _spread(names: list[tuple[str, str]], size: int) -> list[str]:
     return plain if len(plain) == size else [str(k) for k in range(size)]
 
 
-def _names(scene: Recording) -> list[tuple[str, str]]:
+def _names(scene: TapedModel) -> list[tuple[str, str]]:
     """A name and a unit of every number of x."""
     found = list[tuple[str, str]]()
     tree = scene.model.mechanism.tree
@@ -259,7 +259,7 @@ def _split(nodes: Sequence[Node], ports: Sequence[Port]) -> list[Table]:
     return np.split(np.array(nodes, dtype=object), ends)
 
 
-def _arguments(scene: Recording, at: dict[str, Table]) -> list[Expression]:
+def _arguments(scene: TapedModel, at: dict[str, Table]) -> list[Expression]:
     """Values for the scene's inputs; 0 for those that nothing reads."""
     x = np.zeros(len(scene.own.near), dtype=object)
     x[list(scene.own.q.places)], x[list(scene.own.dependent)] = at["q"], at["y"]
@@ -267,7 +267,7 @@ def _arguments(scene: Recording, at: dict[str, Table]) -> list[Expression]:
     return [*x, *(entry for each in others for entry in each)]
 
 
-def _newton(tape: Tape, scene: Recording, closure: Code, at: dict[str, Table], steps: int) -> tuple[Table, Table]:
+def _newton(tape: Tape, scene: TapedModel, closure: Code, at: dict[str, Table], steps: int) -> tuple[Table, Table]:
     """Y after so many Newton steps of φ(q, y) = 0 and one more with the last matrix; that last correction."""
     y, correction, matrix = at["y"], at["y"], None
     for _ in range(steps):

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.programs.instructions import Code
-from ccpin.programs.quantities import QUANTITIES, Recording
+from ccpin.programs.quantities import QUANTITIES, TapedModel
 from ccpin.programs.recording.recorded_tree import Table, rational
 from ccpin.programs.tape import Expression, Tape
 
@@ -31,7 +31,7 @@ class Step(NamedTuple):
     correction: Table
 
 
-def stepped(scene: Recording, tape: Tape, at: dict[str, Table]) -> Step:
+def stepped(scene: TapedModel, tape: Tape, at: dict[str, Table]) -> Step:
     """The step on a tape from "q", "y", "v" with "u" held over "h", of shape (1,), and parameters "p" if any."""
     own, n, given = scene.own, scene.model.n, scene.inputs
     rates = scene.tape.code([entry for name in RATES for entry in QUANTITIES[name].record(scene)])
@@ -63,7 +63,7 @@ def stepped(scene: Recording, tape: Tape, at: dict[str, Table]) -> Step:
     return Step(x[list(own.q.places)], x[list(own.dependent)] - correction, v, correction)
 
 
-def _of_unit_length(scene: Recording, x: Table) -> Table:
+def _of_unit_length(scene: TapedModel, x: Table) -> Table:
     """The numbers with the quaternions among q a Newton step of |p|² = 1 along p nearer to unit length."""
     x, places = x.copy(), set(scene.own.q.places)
     for joint in scene.own.joints:
