@@ -43,7 +43,7 @@ class Parameter(NamedTuple):
     unit: str
 
 
-class Body(NamedTuple):
+class MassOfBody(NamedTuple):
     """Mass, centre of mass (3,) and inertia (3, 3) about it, in its joint's frame."""
 
     mass: Expression
@@ -141,27 +141,27 @@ class Constants:
         name = self._tree.joints[joint.number - 1].name
         return bool(self._stated(joint).stiffness) or ("stiffness", name) in self._given
 
-    def body(self, tape: Tape, joint: ExactJoint) -> Body:
+    def body(self, tape: Tape, joint: ExactJoint) -> MassOfBody:
         """A joint's body: m, m c and the inertia about the joint's origin are linear in the masses of its links."""
         held = self._tree.model.inertias[joint.number]
-        whole = Body(rational(held.mass), exact(held.lever), exact(held.inertia))
+        whole = MassOfBody(rational(held.mass), exact(held.lever), exact(held.inertia))
         links = self._links(joint)
         if not links:
             return whole
         if len(links) == 1 and links[0][0].mass == held.mass:
             factor = links[0][1]
-            return Body(whole.mass * factor, whole.lever, whole.inertia * factor)
+            return MassOfBody(whole.mass * factor, whole.lever, whole.inertia * factor)
         mass, moment, about = whole.mass, whole.lever * whole.mass, _about_origin(whole)
         for own, factor in links:
             mass = mass + (factor - 1) * own.mass
             moment = moment + own.lever * own.mass * (factor - 1)
             about = about + _about_origin(own) * (factor - 1)
         lever = moment * tape.reciprocal(mass)
-        return Body(mass, lever, about - _steiner(mass, lever))
+        return MassOfBody(mass, lever, about - _steiner(mass, lever))
 
-    def _links(self, joint: ExactJoint) -> list[tuple[Body, Expression]]:
+    def _links(self, joint: ExactJoint) -> list[tuple[MassOfBody, Expression]]:
         """Links of a body whose masses are parameters, in the joint's frame, and the factors of their masses."""
-        found = list[tuple[Body, Expression]]()
+        found = list[tuple[MassOfBody, Expression]]()
         for link in self._model.mechanism.description.links:
             factor, attached = self._factor("mass", link.name), self._tree.attachments[link.name]
             if factor is None or attached.joint != joint.number or link.inertia is None:
@@ -169,7 +169,7 @@ class Constants:
             turned, frame = exact_placement(attached.placement)[:3, :3], exact(attached.placement)
             com = turned @ exact(link.inertia.com) + frame[:3, 3]
             tensor = turned @ exact(link.inertia.rotational) @ turned.T
-            found.append((Body(rational(link.inertia.mass), com, tensor), factor))
+            found.append((MassOfBody(rational(link.inertia.mass), com, tensor), factor))
         return found
 
     def _stated(self, joint: ExactJoint) -> Joint:
@@ -198,5 +198,5 @@ def _steiner(mass: Expression, lever: Table) -> Table:
     return (np.eye(3, dtype=object) * (lever @ lever) - np.outer(lever, lever)) * mass
 
 
-def _about_origin(body: Body) -> Table:
+def _about_origin(body: MassOfBody) -> Table:
     return body.inertia + _steiner(body.mass, body.lever)
