@@ -169,7 +169,8 @@ class MechanismVectorEnv(VectorEnv):  # type: ignore[misc]
 
     def _move(self, u: Array) -> Mask:
         """All states a period on; which of them are sound. The others stay at their last sound one."""
-        sound, u = np.ones(self.num_envs, dtype=np.bool_), np.asfortranarray(u)
+        sound: Mask = np.ones(self.num_envs, dtype=np.bool_)
+        u = np.asfortranarray(u)
         given = (self._p,) if self._p.shape[1] else ()
         for _ in range(self._substeps):
             q, y, v, status = self._step(self._q, self._y, self._v, u, *given, self._h, threads=self._threads)
@@ -195,10 +196,10 @@ class MechanismVectorEnv(VectorEnv):  # type: ignore[misc]
             q, v = self._drawn(rng, len(left))
             failures: dict[int, str] = {}
             x = model.sigma_many(q, failures=failures)
-            left = left[~self._placed(left, x, v, [k not in failures for k in range(len(left))])]
+            left = left[~self._placed(left, x, v, np.array([k not in failures for k in range(len(left))]))]
         if len(left):
             x = np.tile(model.mechanism.q_reference, (len(left), 1))
-            self._placed(left, x, np.zeros((len(left), model.n)), [True] * len(left))
+            self._placed(left, x, np.zeros((len(left), model.n)), np.ones(len(left), dtype=np.bool_))
         self._aim[rows] = self._goals(rng, len(rows))
         self._age[rows] = 0
 
@@ -214,14 +215,13 @@ class MechanismVectorEnv(VectorEnv):  # type: ignore[misc]
             return about + steps, np.zeros((count, model.n))
         return np.array([model.coordinates.integrate(about, step) for step in steps]), np.zeros((count, model.n))
 
-    def _placed(self, rows: NDArray[np.intp], q_free: Array, v: Array, reached: ArrayLike) -> Mask:
+    def _placed(self, rows: NDArray[np.intp], q_free: Array, v: Array, known: Mask) -> Mask:
         """Put rows at configurations, closed with their own parameters; which of them are."""
-        known = np.asarray(reached, dtype=np.bool_)
         q_free = np.where(known[:, None], q_free, self.model.mechanism.q_reference)
         q, y, _ = self._numbers.start(q_free)
         given = (self._p[rows],) if self._takes else ()
         y, status = self._close(q, y, *given, threads=self._threads)
-        known = known & (status == 0)
+        known = np.asarray(known & (status == 0))
         kept = rows[known]
         self._q[kept], self._y[kept], self._v[kept] = q[known], y[known], v[known]
         return known

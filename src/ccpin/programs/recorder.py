@@ -96,7 +96,7 @@ def _program(
     scene: TapedModel,
     asked: Sequence[str],
     ports: tuple[tuple[Port, ...], tuple[Port, ...]],
-    recorded: tuple[Tape, Sequence[Expression], Sequence[Expression]],
+    recorded: tuple[Tape, Sequence[Expression], Table],
     about: State,
     symbols: Sequence[Parameter],
 ) -> Program:
@@ -131,7 +131,7 @@ def configuration(state: State, near: State | None = None) -> dict[str, Array]:
         state: A State.
         near: The State that a program was recorded about, default the reference: angles are counted in its turn.
     """
-    model = instance(state, "state", State).model
+    model = instance(instance(state, "state", State).model, "state.model", ReducedModel)
     own = numbering(model, model.mechanism.q_reference if near is None else near.q_free)
     return dict(zip(("q", "y"), _halves(own, own.numbers(state.q_free)), strict=True))
 
