@@ -1,0 +1,63 @@
+"""A program as a function of CasADi, JAX or PyTorch, or as a model of Crocoddyl's, with its recorded derivatives.
+
+What a function is, in all of them: q ↦ f(q, σ(q), …), where y says which branch σ is of (and is σ(q), or near it, as
+the program was recorded). Its derivative by q is thus total, with y moving along by implicit differentiation, and its
+derivative by y is 0, exactly. Where the program's status is not 0 every value and derivative is NaN.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+from ccpin.arrays import choice, instance
+from ccpin.errors import CcpinError
+from ccpin.programs.program import Program
+
+if TYPE_CHECKING:
+    from ccpin.programs.bridges.crocoddyl_model import differential_action
+
+__all__ = ["as_function", "differential_action"]
+
+Library = Literal["casadi", "jax", "torch"]
+
+
+def as_function(program: Program, library: Library) -> Any:
+    """A program as a function of another library, differentiable by what was recorded.
+
+    Inputs and outputs are the program's, by name; derivatives (`NAME_by_q`, …) are no outputs, but what the library
+    gets when it differentiates: `record(model, what, derivatives=("q", "v", "u"))`. By q they are total, y = σ(q)
+    moving along, and by y they are 0: y says which branch is meant. A function some of whose derivatives were not
+    recorded has none, and no function has second ones: asking for them is an error of the library, not a number.
+    Where the status is not 0, all outputs and derivatives are NaN.
+
+    Args:
+        program: The program.
+        library: `"casadi"`: a `casadi.Function` with named inputs and outputs, arrays flattened row by row;
+            `"jax"`: a function of arrays (…, *shape), by place or name, that gives a dictionary, for `jit`, `vmap`,
+            `grad`, `jacfwd`; `"torch"`: one of tensors (…, *shape), by place or name, that gives a dictionary.
+
+    Raises:
+        CcpinError: The library is not installed; the message names the extra that brings it.
+    """
+    program = instance(program, "program", Program)
+    choice(library, "library", ("casadi", "jax", "torch"))
+    try:
+        if library == "casadi":
+            from ccpin.programs.bridges.casadi_function import casadi_function as made
+        elif library == "jax":
+            from ccpin.programs.bridges.jax_function import jax_function as made
+        else:
+            from ccpin.programs.bridges.torch_function import torch_function as made
+    except ImportError as error:
+        raise CcpinError(f"{library} is not installed: pip install 'ccpin[{library}]' ({error})") from None
+    return made(program)
+
+
+def __getattr__(name: str) -> Any:
+    if name == "differential_action":
+        try:
+            from ccpin.programs.bridges.crocoddyl_model import differential_action
+        except ImportError as error:
+            raise CcpinError(f"crocoddyl is not installed: pip install 'ccpin[crocoddyl]' ({error})") from None
+        return differential_action
+    raise AttributeError(f"module 'ccpin.programs.bridges' has no attribute {name!r}")
