@@ -1,0 +1,144 @@
+"""Programs as differential action models of Crocoddyl's: x = (q, q̇), ẋ = (q̇, q̈), in Python on lanes.
+
+In Python, since a model compiled against Crocoddyl's headers has to be built with the very Boost, Eigen and bindings
+that the wheel was built with; what is left of Python is two calls a node, with nothing allocated.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import crocoddyl
+import numpy as np
+
+from ccpin.arrays import Array, instance
+from ccpin.errors import InvalidInputError
+from ccpin.programs.bridges.parts import STEP, parts_of, restricted
+from ccpin.programs.lanes import CompiledProgram
+from ccpin.programs.program import Program
+
+_DEEPEST = 2.0**-8  # of the way to a configuration: Newton's steps are tried in parts of it no smaller
+_WORD = "forward_dynamics"
+
+
+def differential_action(program: Program, costs: Any) -> Any:
+    """A `crocoddyl.DifferentialActionModelAbstract` of a mechanism, for Crocoddyl's integrators (Euler, RK).
+
+    Every node keeps the y of the last state that it was asked for, and goes on from there; where σ's steps do not reach
+    the next state they go there in halves. Where that fails q̈ is NaN, at which solvers shorten their step.
+
+    Args:
+        program: `record(model, ["forward_dynamics", "sigma"], given="near", derivatives=("q", "v", "u"))`.
+        costs: A `crocoddyl.CostModelSum` over `crocoddyl.StateVector(2n)` and as many controls as motors.
+
+    Raises:
+        InvalidInputError: The program is another one, its q is no vector (balls), or the costs do not fit.
+        NoCompilerError: There is no C compiler.
+    """
+    program = instance(program, "program", Program)
+    instance(costs, "costs", crocoddyl.CostModelSum)
+    inputs, outputs = ({port.name: port.size for port in side} for side in (program.inputs, program.outputs))
+    if [*inputs] != ["q", "y", "v", "u"] or not {_WORD, "sigma"} <= {*outputs} or parts_of(program).missing:
+        raise InvalidInputError(
+            "Crocoddyl takes record(model, ['forward_dynamics', 'sigma'], given='near', derivatives=('q', 'v', 'u'))"
+        )
+    if STEP in outputs:
+        raise InvalidInputError("Crocoddyl's states are vectors (q, q̇): q must be numbers whose rates are q̇")
+    if (costs.state.nx, costs.nu) != (2 * inputs["v"], inputs["u"]):
+        raise InvalidInputError(
+            f"the costs are of {costs.state.nx} numbers of the state and {costs.nu} controls, "
+            f"not of {2 * inputs['v']} and {inputs['u']}"
+        )
+    return DifferentialAction(program, costs)
+
+
+class _Row:
+    """A compiled program over one row of arrays that are always the same."""
+
+    def __init__(self, compiled: CompiledProgram) -> None:
+        inputs, outputs = compiled.program.inputs, compiled.program.outputs
+        self.inputs = {port.name: np.zeros(port.shape) for port in inputs}
+        self.outputs = {port.name: np.zeros(port.shape) for port in outputs}
+        self.status = np.zeros(1, dtype=np.int32)
+        self.run = compiled.bound([*self.inputs.values()], [*self.outputs.values()], self.status)
+
+
+class DifferentialAction(crocoddyl.DifferentialActionModelAbstract):  # type: ignore[misc]
+    """A mechanism with costs; made by `differential_action`."""
+
+    def __init__(self, program: Program, costs: Any) -> None:
+        crocoddyl.DifferentialActionModelAbstract.__init__(self, costs.state, costs.nu, costs.nr)
+        self.costs, self.n = costs, costs.state.nv
+        self._zero = np.zeros(costs.nu)
+        found = parts_of(program)
+        slopes = [f"{_WORD}_by_{key}" for key in "qvu"]
+        values = CompiledProgram(restricted(program, [_WORD, "sigma"]))
+        both = CompiledProgram(restricted(program, [_WORD, "sigma", *slopes]))
+        self.values, self.both = _Row(values), _Row(both)
+        self.missing = found.missing
+        first = program.inputs[0].size
+        self.start = np.array(program.example[: first + program.inputs[1].size])
+
+    def createData(self) -> Any:  # noqa: D102
+        return DifferentialActionData(self)
+
+    def calc(self, data: Any, x: Array, u: Array | None = None) -> None:
+        """q̈ and the cost."""
+        self._moved(self.values, data, x, self._zero if u is None else u)
+        data.xout = self.values.outputs[_WORD]
+        self._cost(data, x, u, self.costs.calc)
+        data.cost = data.costs.cost
+
+    def calcDiff(self, data: Any, x: Array, u: Array | None = None) -> None:
+        """Their derivatives."""
+        self._moved(self.both, data, x, self._zero if u is None else u)
+        found, n = self.both.outputs, self.n
+        data.slopes[:, :n] = found[f"{_WORD}_by_q"]
+        data.slopes[:, n:] = found[f"{_WORD}_by_v"]
+        data.Fx, data.Fu = data.slopes, found[f"{_WORD}_by_u"]
+        self._cost(data, x, u, self.costs.calcDiff)
+
+    def _cost(self, data: Any, x: Array, u: Array | None, does: Any) -> None:
+        if u is None:
+            does(data.costs, x)
+        else:
+            does(data.costs, x, u)
+
+    def _moved(self, row: _Row, data: Any, x: Array, u: Array) -> None:
+        """Run a row at a state, in halves of the way where it must be."""
+        n, inputs = self.n, row.inputs
+        inputs["q"][:], inputs["y"][:], inputs["v"][:], inputs["u"][:] = x[:n], data.y, x[n:], u
+        row.run()
+        if row.status[0]:
+            self._walk(row, data, x[:n])
+        if not row.status[0]:
+            data.q[:], data.y[:] = x[:n], row.outputs["sigma"]
+
+    def _walk(self, row: _Row, data: Any, q: Array) -> None:
+        """From the last configuration to q; NaN where σ's steps do not lead there."""
+        way, q0, y0 = 0.0, data.q.copy(), data.y.copy()
+        stride = 0.5
+        while way < 1.0 and stride >= _DEEPEST:
+            to = min(1.0, way + stride)
+            row.inputs["q"][:], row.inputs["y"][:] = q0 + to * (q - q0) if to < 1.0 else q, y0
+            row.run()
+            if row.status[0]:
+                stride *= 0.5
+            else:
+                way, y0 = to, row.outputs["sigma"].copy()
+        if way < 1.0:
+            row.status[0] = 2
+            for output in row.outputs.values():
+                output.fill(np.nan)
+
+
+class DifferentialActionData(crocoddyl.DifferentialActionDataAbstract):  # type: ignore[misc]
+    """A node's data, with the last closed configuration and its costs'."""
+
+    def __init__(self, model: DifferentialAction) -> None:
+        crocoddyl.DifferentialActionDataAbstract.__init__(self, model)
+        self.q, self.y = model.start[: model.n].copy(), model.start[model.n :].copy()
+        self.slopes = np.zeros((model.n, 2 * model.n))
+        self.shared = crocoddyl.DataCollectorAbstract()
+        self.costs = model.costs.createData(self.shared)
+        self.costs.shareMemory(self)
