@@ -1,6 +1,7 @@
 """Straight-line programs of the reduced model: recorded once, evaluated anywhere.
 
-`load` and a loaded `Program` need NumPy alone; `record` needs the model.
+`load` and a loaded `Program` need NumPy alone; `record` needs the model. `as_function` makes a program a function of
+CasADi, JAX or PyTorch, `differential_action` a model of Crocoddyl's.
 """
 
 from __future__ import annotations
@@ -10,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 from ccpin.programs.program import Answer, Port, Program, load
 
 if TYPE_CHECKING:
+    from ccpin.programs.bridges import as_function, differential_action
     from ccpin.programs.recorder import record
 
-__all__ = ["Answer", "Port", "Program", "load", "record"]
+__all__ = ["Answer", "Port", "Program", "as_function", "differential_action", "load", "record"]
 __dir__ = __all__.copy
 
 
@@ -21,4 +23,8 @@ def __getattr__(name: str) -> Any:
         from ccpin.programs.recorder import record
 
         return record
+    if name in ("as_function", "differential_action"):
+        from ccpin.programs import bridges
+
+        return getattr(bridges, name)
     raise AttributeError(f"module 'ccpin.programs' has no attribute {name!r}")

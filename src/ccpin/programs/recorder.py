@@ -122,8 +122,10 @@ def _outputs(scene: Scene, asked: tuple[str, ...], derivatives: tuple[str, ...])
     for name in asked:
         if name in scene.points:
             pose = pose_of(scene, scene.points[name])
-            ends = {name: pose[:3, 3], f"{name}_rotation": pose[:3, :3], f"{name}_jacobian": jacobian_of(scene, pose)}
-            found |= ends | {f"{key}_by_q": along(scene, each, "q") for key, each in ends.items() if "q" in derivatives}
+            found |= {name: pose[:3, 3], f"{name}_rotation": pose[:3, :3], f"{name}_jacobian": jacobian_of(scene, pose)}
+            if "q" in derivatives:
+                found |= {f"{name}_by_q": along(scene, pose[:3, 3], "q")}
+                found |= {f"{name}_rotation_by_q": along(scene, pose[:3, :3], "q")}
             continue
         quantity = QUANTITIES[name]
         found[name] = quantity.record(scene)

@@ -7,6 +7,7 @@ derivative by y is 0, exactly. Where the program's status is not 0 every value a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from ccpin.arrays import choice, instance
@@ -21,7 +22,7 @@ __all__ = ["as_function", "differential_action"]
 Library = Literal["casadi", "jax", "torch"]
 
 
-def as_function(program: Program, library: Library) -> Any:
+def as_function(program: Program, library: Library, outputs: Sequence[str] | None = None) -> Any:
     """A program as a function of another library, differentiable by what was recorded.
 
     Inputs and outputs are the program's, by name; derivatives (`NAME_by_q`, …) are no outputs, but what the library
@@ -35,8 +36,10 @@ def as_function(program: Program, library: Library) -> Any:
         library: `"casadi"`: a `casadi.Function` with named inputs and outputs, arrays flattened row by row;
             `"jax"`: a function of arrays (…, *shape), by place or name, that gives a dictionary, for `jit`, `vmap`,
             `grad`, `jacfwd`; `"torch"`: one of tensors (…, *shape), by place or name, that gives a dictionary.
+        outputs: The names of those that are asked for, in the program's order, default all.
 
     Raises:
+        InvalidInputError: No such library or output.
         CcpinError: The library is not installed; the message names the extra that brings it.
     """
     program = instance(program, "program", Program)
@@ -50,7 +53,7 @@ def as_function(program: Program, library: Library) -> Any:
             from ccpin.programs.bridges.torch_function import torch_function as made
     except ImportError as error:
         raise CcpinError(f"{library} is not installed: pip install 'ccpin[{library}]' ({error})") from None
-    return made(program)
+    return made(program, outputs)
 
 
 def __getattr__(name: str) -> Any:

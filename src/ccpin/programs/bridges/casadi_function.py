@@ -8,6 +8,7 @@ which a derivative was recorded (by min(|x|², 0), which is 0).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -25,9 +26,9 @@ _CLOSED = {"never_inline": True, "enable_forward": False, "enable_reverse": Fals
 _PLAIN = {**_CLOSED, "enable_jacobian": False}
 
 
-def casadi_function(program: Program) -> Any:
+def casadi_function(program: Program, outputs: Sequence[str] | None = None) -> Any:
     """A program as a `casadi.Function`."""
-    parts, name = parts_of(program), identifier(program.name)
+    parts, name = parts_of(program, outputs), identifier(program.name)
     inputs = [ca.SX.sym(port.name, port.size) for port in program.inputs]
     values = _evaluated(parts.values, inputs)
     for (k, j), _ in parts.blocks.items():

@@ -6,7 +6,7 @@ twice again and again (0.2 ms a state for the two-rod ankle). On other devices t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,9 +24,9 @@ _JAX = SimpleNamespace(
 )  # fmt: skip
 
 
-def jax_function(program: Program) -> Callable[..., dict[str, Any]]:
+def jax_function(program: Program, outputs: Sequence[str] | None = None) -> Callable[..., dict[str, Any]]:
     """A program as a function of arrays (…, *shape); a dictionary of arrays (…, *shape)."""
-    parts = parts_of(program)
+    parts = parts_of(program, outputs)
     value = _runner(parts.values)
     slope = None if parts.slopes is None else _runner(parts.slopes)
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from ccpin.arrays import choice
 from ccpin.errors import InvalidInputError
 from ccpin.programs.evaluation import values_of
 from ccpin.programs.folding import Arithmetic, folded
@@ -33,11 +34,13 @@ class Parts(NamedTuple):
     missing: tuple[str, ...]
 
 
-def parts_of(program: Program) -> Parts:
-    """Values and derivatives of a program."""
+def parts_of(program: Program, outputs: Sequence[str] | None = None) -> Parts:
+    """Values and derivatives of a program, or of some of its outputs."""
     names, inputs = {port.name for port in program.outputs}, [port.name for port in program.inputs]
     of = {f"{port.name}_by_{key}" for port in program.outputs for key in inputs} & names | ({STEP} & names)
     shown = [port.name for port in program.outputs if port.name not in of]
+    if outputs is not None:
+        shown = [choice(name, "outputs", tuple(shown)) for name in outputs]
     blocks, missing = dict[tuple[int, int], str](), list[str]()
     for k, name in enumerate(shown):
         reads = _reads(program, name)
@@ -46,11 +49,11 @@ def parts_of(program: Program) -> Parts:
                 blocks[k, j] = word
             elif key != "y" and (key in reads or (key == "q" and "y" in reads)):
                 missing.append(word)
-    values = restricted(program, shown)
-    return Parts(values, None if missing else restricted(program, sorted(of)), blocks, tuple(missing))
+    used = {*blocks.values(), *(names & {STEP})}
+    return Parts(restricted(program, shown), None if missing else restricted(program, used), blocks, tuple(missing))
 
 
-def restricted(program: Program, names: Sequence[str]) -> Program:
+def restricted(program: Program, names: Collection[str]) -> Program:
     """It with some of its outputs, in its order; the status stays what it was."""
     ports, results, first = list[Port](), list[int](), 0
     for port in program.outputs:

@@ -6,7 +6,7 @@ Tensors of a processor are run in lanes; on other devices programs are written o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,9 +24,9 @@ _TORCH = SimpleNamespace(
 )  # fmt: skip
 
 
-def torch_function(program: Program) -> Callable[..., dict[str, Any]]:
+def torch_function(program: Program, outputs: Sequence[str] | None = None) -> Callable[..., dict[str, Any]]:
     """A program as a function of tensors (…, *shape); a dictionary of tensors (…, *shape)."""
-    parts = parts_of(program)
+    parts = parts_of(program, outputs)
     names = [port.name for port in parts.values.outputs]
     value = _runner(parts.values)
     slope = None if parts.slopes is None else _runner(parts.slopes)
