@@ -1,4 +1,4 @@
-"""Programs as CasADi's functions: the model's values, recorded Jacobians however CasADi asks for them, NaN if refused."""
+"""Programs as CasADi's functions: the model's values, its Jacobians however CasADi asks for them, NaN if refused."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_values_and_jacobians_are_the_model_s(name):
 
 @pytest.mark.parametrize("name", later("rpdr", "ankle", "delta"))
 def test_every_way_of_asking_gives_the_recorded_derivative(name):
-    """Along a graph, inlined in an SX graph, forward, reverse, and of many states at once: y moves along, by q alone."""
+    """Along a graph, in an SX graph, forward, reverse, and of many states at once: y moves along."""
     reduced, program = model(name), recorded(name)
     function = programs.as_function(program, "casadi")
     (state, *_), rows = states_of(reduced, 3)

@@ -1,7 +1,7 @@
 """Programs as functions of JAX's arrays, with `custom_jvp` of recorded derivatives.
 
-On a processor they are run in lanes, called back by XLA: XLA's own code for straight-line programs computes what is used
-twice again and again (0.2 ms a state for the two-rod ankle). On other devices they are written out in JAX.
+On a processor they are run in lanes, called back by XLA: XLA's own code for them computes what is used twice again and
+again (0.2 ms a state for the two-rod ankle). On other devices they are written out in JAX.
 """
 
 from __future__ import annotations
