@@ -8,7 +8,6 @@ from ccpin import programs
 from ccpin.errors import InvalidInputError
 from ccpin.programs.bridges.parts import restricted
 from ccpin.programs.evaluation import values_of
-from ccpin.programs.recording.recorded_model import numbering
 from tests.support.ball_joint import ball_joint
 from tests.support.bridged import CASES, close, model, recorded, states_of
 from tests.support.long_cases import later
@@ -78,9 +77,8 @@ def test_a_jacobian_is_not_thinned_by_what_holds_y_still():
     program = programs.record(reduced, ("sigma", "closure"), derivatives=("q",))
     function = programs.as_function(program, "casadi")
     (state,), ((q,), (y,), *_) = states_of(reduced, 1)
-    own = numbering(reduced, reduced.mechanism.q_reference)
-    ends = [[own.numbers(reduced.at(state.q + sign * h * e).q_free) for sign in (1, -1)] for e in np.eye(2)]
-    moved = np.array([(ahead - behind)[list(own.dependent)] / (2 * h) for ahead, behind in ends]).T
+    ends = [[programs.configuration(reduced.at(state.q + sign * h * e))["y"] for sign in (1, -1)] for e in np.eye(2)]
+    moved = np.array([(ahead - behind) / (2 * h) for ahead, behind in ends]).T
     Q = ca.MX.sym("Q", 2)
     sigma, closure = (ca.Function("f", [Q], [ca.jacobian(out, Q)])(q) for out in function(Q, y))
     np.testing.assert_allclose(np.array(sigma), moved, atol=1e-8)
@@ -119,10 +117,9 @@ def test_q_by_its_numbers_where_its_rate_is_another():
     found = np.array(function.jacobian()(q, y, 0)[0])
     assert found.shape == (reduced.n, len(q))
     assert len(q) > reduced.n
-    own = numbering(reduced, reduced.mechanism.q_reference)
     step = 1e-5 * np.random.default_rng(2).normal(size=reduced.n)
     ends = [reduced.at(reduced.coordinates.integrate(state.q, sign * step), state) for sign in (1.0, -1.0)]
-    ahead, behind = (own.numbers(end.q_free)[list(own.q.places)] for end in ends)
+    ahead, behind = (programs.configuration(end)["q"] for end in ends)
     np.testing.assert_allclose(found @ (ahead - behind), ends[0].g - ends[1].g, rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(found @ q, 0.0, atol=1e-9)  # its length says nothing
 

@@ -7,7 +7,6 @@ import numpy as np
 import ccpin
 from ccpin import programs
 from ccpin.errors import CcpinError
-from ccpin.programs.recording.recorded_model import numbering
 from tests.support.places import ROOT
 
 CASES = {
@@ -33,7 +32,7 @@ def recorded(name, what=("forward_dynamics",), given="closed"):
 
 def states_of(reduced, count=4, seed=0, spread=0.1):
     """Closed states near the reference, and the inputs q, y, v, u of each, row by row."""
-    rng, own = np.random.default_rng(seed), numbering(reduced, reduced.mechanism.q_reference)
+    rng = np.random.default_rng(seed)
     middle, found, rows = reduced.alpha(reduced.mechanism.q_reference), [], []
     while len(found) < count:
         q = reduced.coordinates.integrate(middle, spread * rng.uniform(-1.0, 1.0, reduced.n))
@@ -41,10 +40,10 @@ def states_of(reduced, count=4, seed=0, spread=0.1):
             state = reduced.at(q)
         except CcpinError:
             continue
-        x = own.numbers(state.q_free)
+        numbers = programs.configuration(state)
         v, u = rng.normal(size=reduced.n), rng.normal(size=reduced.n_actuated)
         found.append(state)
-        rows.append((x[list(own.q.places)], x[list(own.dependent)], v, u))
+        rows.append((numbers["q"], numbers["y"], v, u))
     return found, [np.array(column) for column in zip(*rows, strict=True)]
 
 
