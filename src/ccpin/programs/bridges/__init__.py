@@ -27,10 +27,10 @@ def as_function(program: Program, library: Library, outputs: Sequence[str] | Non
 
     Inputs and outputs are the program's, by name; derivatives (`NAME_by_q`, …) are no outputs, but what the library
     gets when it differentiates: `record(model, what, derivatives=("q", "v", "u"))`. By q they are total, y = σ(q)
-    moving along, and by y they are 0: y says which branch is meant. So what moves q while y stays, as an optimiser does,
-    has to be of a program `given="near"`; `given="closed"` is for those who hand on the y of each q. A function some of whose derivatives were not
-    recorded has none, and no function has second ones: asking for them is an error of the library, not a number.
-    Where the status is not 0, all outputs and derivatives are NaN.
+    moving along, and by y they are 0: y says which branch is meant. So what moves q while y stays, as an optimiser
+    does, has to be of a program `given="near"`; `given="closed"` is for those who hand on the y of each q. A function
+    some of whose derivatives were not recorded has none, and no function has second ones: asking for them is an error
+    of the library, not a number. Where the status is not 0, all outputs and derivatives are NaN.
 
     Args:
         program: The program.
