@@ -185,6 +185,19 @@ def test_some_of_the_outputs():
         programs.as_function(program, "casadi", ["tap"])
 
 
+def test_outputs_are_in_the_program_s_order():
+    """However they were asked for: each with its own derivatives."""
+    program, (_, ((q,), (y,), (v,), _)) = recorded("rpdr", ("gravity", "energy")), states_of(model("rpdr"), 1)
+    function = programs.as_function(program, "casadi", ("energy", "gravity"))
+    assert function.name_out() == ["gravity", "energy"]
+    jacobian = function.jacobian()
+    by = dict(zip(jacobian.name_out(), jacobian(q, y, v, 0, 0), strict=True))
+    answer = program(q=q, y=y, v=v)
+    close(np.array(by["jac_energy_v"]), answer["energy_by_v"])
+    close(np.array(by["jac_gravity_q"]), answer["gravity_by_q"])
+    assert by["jac_gravity_v"].nnz() == 0
+
+
 def test_the_expressions_that_acados_takes():
     """ẋ = f(x, u; y): its sensitivities by jtimes, as acados makes them, as C that CasADi writes."""
     reduced, program = model("rpdr"), recorded("rpdr", ("forward_dynamics", "sigma"), "near")

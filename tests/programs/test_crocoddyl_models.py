@@ -121,7 +121,7 @@ def test_a_move_solved_is_the_mechanism_s_move():
 def test_what_does_not_fit_is_told():
     reduced = model("rpdr")
     costs = costs_of(reduced, np.zeros(2), [1.0, 1.0])
-    for program in (recorded("rpdr"), programs.record(reduced, WHAT, given="near")):
+    for program in (recorded("rpdr"), recorded("rpdr", WHAT), programs.record(reduced, WHAT, given="near")):
         with pytest.raises(InvalidInputError, match="Crocoddyl takes record"):
             programs.differential_action(program, costs)
     with pytest.raises(InvalidInputError, match="numbers of the state"):

@@ -8,21 +8,18 @@ derivative by y is 0, exactly. Where the program's status is not 0 every value a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from ccpin.arrays import choice, instance
 from ccpin.errors import CcpinError
 from ccpin.programs.program import Program
-
-if TYPE_CHECKING:
-    from ccpin.programs.bridges.crocoddyl_model import differential_action
 
 __all__ = ["as_function", "differential_action"]
 
 Library = Literal["casadi", "jax", "torch"]
 
 
-def as_function(program: Program, library: Library, outputs: Sequence[str] | None = None) -> Any:
+def as_function(program: Program, library: Library, outputs: str | Sequence[str] | None = None) -> Any:
     """A program as a function of another library, differentiable by what was recorded.
 
     Inputs and outputs are the program's, by name; derivatives (`NAME_by_q`, …) are no outputs, but what the library
@@ -57,11 +54,24 @@ def as_function(program: Program, library: Library, outputs: Sequence[str] | Non
     return made(program, outputs)
 
 
-def __getattr__(name: str) -> Any:
-    if name == "differential_action":
-        try:
-            from ccpin.programs.bridges.crocoddyl_model import differential_action
-        except ImportError as error:
-            raise CcpinError(f"crocoddyl is not installed: pip install 'ccpin[crocoddyl]' ({error})") from None
-        return differential_action
-    raise AttributeError(f"module 'ccpin.programs.bridges' has no attribute {name!r}")
+def differential_action(program: Program, costs: Any) -> Any:
+    """A `crocoddyl.DifferentialActionModelAbstract` of x = (q, q̇), for Crocoddyl's integrators (Euler, RK).
+
+    Every node keeps the y of the last state that it was asked for, and goes on from there; where σ's steps do not reach
+    the next state they go there in halves. Where that fails q̈ is NaN, at which solvers shorten their step.
+
+    Args:
+        program: `record(model, ["forward_dynamics", "sigma"], given="near", derivatives=("q", "v", "u"))`.
+        costs: A `crocoddyl.CostModelSum` over `crocoddyl.StateVector(2n)` and as many controls as motors.
+
+    Raises:
+        InvalidInputError: The program is another one, its q is no vector (balls), or the costs do not fit.
+        NoCompilerError: There is no C compiler.
+        CcpinError: Crocoddyl is not installed: the extra `crocoddyl` brings it.
+    """
+    program = instance(program, "program", Program)
+    try:
+        from ccpin.programs.bridges.crocoddyl_model import action_of
+    except ImportError as error:
+        raise CcpinError(f"crocoddyl is not installed: pip install 'ccpin[crocoddyl]' ({error})") from None
+    return action_of(program, costs)

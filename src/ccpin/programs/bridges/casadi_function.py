@@ -26,7 +26,7 @@ _CLOSED = {"never_inline": True, "enable_forward": False, "enable_reverse": Fals
 _PLAIN = {**_CLOSED, "enable_jacobian": False}
 
 
-def casadi_function(program: Program, outputs: Sequence[str] | None = None) -> Any:
+def casadi_function(program: Program, outputs: str | Sequence[str] | None = None) -> Any:
     """A program as a `casadi.Function`."""
     parts, name = parts_of(program, outputs), identifier(program.name)
     inputs = [ca.SX.sym(port.name, port.size) for port in program.inputs]

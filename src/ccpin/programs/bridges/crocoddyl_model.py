@@ -21,24 +21,12 @@ _DEEPEST = 2.0**-8  # of the way to a configuration: Newton's steps are tried in
 _WORD = "forward_dynamics"
 
 
-def differential_action(program: Program, costs: Any) -> Any:
-    """A `crocoddyl.DifferentialActionModelAbstract` of a mechanism, for Crocoddyl's integrators (Euler, RK).
-
-    Every node keeps the y of the last state that it was asked for, and goes on from there; where σ's steps do not reach
-    the next state they go there in halves. Where that fails q̈ is NaN, at which solvers shorten their step.
-
-    Args:
-        program: `record(model, ["forward_dynamics", "sigma"], given="near", derivatives=("q", "v", "u"))`.
-        costs: A `crocoddyl.CostModelSum` over `crocoddyl.StateVector(2n)` and as many controls as motors.
-
-    Raises:
-        InvalidInputError: The program is another one, its q is no vector (balls), or the costs do not fit.
-        NoCompilerError: There is no C compiler.
-    """
-    program = instance(program, "program", Program)
+def action_of(program: Program, costs: Any) -> Any:
+    """The model of a program and costs, which fit one another (`differential_action`)."""
     instance(costs, "costs", crocoddyl.CostModelSum)
     inputs, outputs = ({port.name: port.size for port in side} for side in (program.inputs, program.outputs))
-    if [*inputs] != ["q", "y", "v", "u"] or not {_WORD, "sigma"} <= {*outputs} or parts_of(program).missing:
+    fits = [*inputs] == ["q", "y", "v", "u"] and {_WORD, "sigma"} <= {*outputs} and program.corrections
+    if not fits or parts_of(program).missing:
         raise InvalidInputError(
             "Crocoddyl takes record(model, ['forward_dynamics', 'sigma'], given='near', derivatives=('q', 'v', 'u'))"
         )
@@ -64,18 +52,16 @@ class _Row:
 
 
 class DifferentialAction(crocoddyl.DifferentialActionModelAbstract):  # type: ignore[misc]
-    """A mechanism with costs; made by `differential_action`."""
+    """A mechanism with costs; made by `action_of`."""
 
     def __init__(self, program: Program, costs: Any) -> None:
         crocoddyl.DifferentialActionModelAbstract.__init__(self, costs.state, costs.nu, costs.nr)
         self.costs, self.n = costs, costs.state.nv
         self._zero = np.zeros(costs.nu)
-        found = parts_of(program)
         slopes = [f"{_WORD}_by_{key}" for key in "qvu"]
         values = CompiledProgram(restricted(program, [_WORD, "sigma"]))
         both = CompiledProgram(restricted(program, [_WORD, "sigma", *slopes]))
         self.values, self.both = _Row(values), _Row(both)
-        self.missing = found.missing
         first = program.inputs[0].size
         self.start = np.array(program.example[: first + program.inputs[1].size])
 

@@ -24,7 +24,7 @@ _JAX = SimpleNamespace(
 )  # fmt: skip
 
 
-def jax_function(program: Program, outputs: Sequence[str] | None = None) -> Callable[..., dict[str, Any]]:
+def jax_function(program: Program, outputs: str | Sequence[str] | None = None) -> Callable[..., dict[str, Any]]:
     """A program as a function of arrays (…, *shape); a dictionary of arrays (…, *shape)."""
     parts = parts_of(program, outputs)
     value = _runner(parts.values)

@@ -34,13 +34,16 @@ class Parts(NamedTuple):
     missing: tuple[str, ...]
 
 
-def parts_of(program: Program, outputs: Sequence[str] | None = None) -> Parts:
+def parts_of(program: Program, outputs: str | Sequence[str] | None = None) -> Parts:
     """Values and derivatives of a program, or of some of its outputs."""
     names, inputs = {port.name for port in program.outputs}, [port.name for port in program.inputs]
     of = {f"{port.name}_by_{key}" for port in program.outputs for key in inputs} & names | ({STEP} & names)
     shown = [port.name for port in program.outputs if port.name not in of]
     if outputs is not None:
-        shown = [choice(name, "outputs", tuple(shown)) for name in outputs]
+        asked = {
+            choice(name, "outputs", tuple(shown)) for name in ((outputs,) if isinstance(outputs, str) else outputs)
+        }
+        shown = [name for name in shown if name in asked]
     blocks, missing = dict[tuple[int, int], str](), list[str]()
     for k, name in enumerate(shown):
         reads = _reads(program, name)

@@ -24,7 +24,7 @@ _TORCH = SimpleNamespace(
 )  # fmt: skip
 
 
-def torch_function(program: Program, outputs: Sequence[str] | None = None) -> Callable[..., dict[str, Any]]:
+def torch_function(program: Program, outputs: str | Sequence[str] | None = None) -> Callable[..., dict[str, Any]]:
     """A program as a function of tensors (…, *shape); a dictionary of tensors (…, *shape)."""
     parts = parts_of(program, outputs)
     names = [port.name for port in parts.values.outputs]
