@@ -30,27 +30,24 @@ def jax_function(program: Program, outputs: str | Sequence[str] | None = None) -
     value = _runner(parts.values)
     slope = None if parts.slopes is None else _runner(parts.slopes)
 
-    @jax.custom_jvp
-    def function(arrays: list[Any]) -> dict[str, Any]:
-        return value(arrays)
-
-    @jax.custom_jvp
-    def slopes(arrays: list[Any]) -> dict[str, Any]:
+    def slopes_at(arrays: list[Any]) -> dict[str, Any]:
         if slope is None:
             raise lacking(parts.missing)
         return slope(arrays)
 
-    @slopes.defjvp
-    def _second(primals: Any, tangents: Any) -> Any:
-        raise InvalidInputError(f"second derivatives of '{program.name}' are not recorded")
-
-    @function.defjvp
-    def _first(primals: Any, tangents: Any) -> Any:
+    def first(primals: Any, tangents: Any) -> Any:
         (arrays,), (moved,) = primals, tangents
         values = function(arrays)
         return values, _moved(parts, slopes(arrays), values, moved)
 
-    def called(*placed: Any, **named: Any) -> dict[str, Any]:
+    def second(primals: Any, tangents: Any) -> Any:
+        raise InvalidInputError(f"second derivatives of '{program.name}' are not recorded")
+
+    function, slopes = jax.custom_jvp(value), jax.custom_jvp(slopes_at)
+    function.defjvp(first)
+    slopes.defjvp(second)
+
+    def called(*placed: Any, **named: Any) -> Any:
         arrays = [jnp.asarray(value) for value in in_order(program, placed, named)]
         batch, kind = leading(program, [array.shape for array in arrays]), jnp.result_type(float, *arrays)
         pairs = zip(arrays, program.inputs, strict=True)

@@ -22,7 +22,7 @@ def in_order(program: Program, placed: Sequence[Any], named: Mapping[str, Any]) 
         InvalidInputError: One is missing, unknown, or given twice.
     """
     names = [port.name for port in program.inputs]
-    given = dict(zip(names, placed, strict=False)) | named
+    given = {**dict(zip(names, placed, strict=False)), **named}
     if len(placed) + len(named) != len(names) or sorted(given) != sorted(names):
         raise InvalidInputError(f"the inputs of '{program.name}' are {', '.join(names)}, one of each")
     return [given[name] for name in names]
