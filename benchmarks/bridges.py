@@ -1,6 +1,6 @@
 """Programs in CasADi, JAX and Crocoddyl: `python -m benchmarks.bridges [MODEL …]`; seconds of the processor.
 
-CasADi: nodes and time of q̈ and of its Jacobian. JAX: compiling and a row of 4,096, beside lanes. Crocoddyl: an iteration
+CasADi: nodes and time of q̈ and of its Jacobian. JAX: compiling, a row of 4,096, beside lanes. Crocoddyl: an iteration
 of FDDP over 100 nodes (RPDR), beside the same problem with a model in Python that calls the reduced model.
 """
 

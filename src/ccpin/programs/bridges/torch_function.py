@@ -31,7 +31,7 @@ def torch_function(program: Program, outputs: str | Sequence[str] | None = None)
     value = _runner(parts.values)
     slope = None if parts.slopes is None else _runner(parts.slopes)
 
-    class Slopes(torch.autograd.Function):
+    class Slopes(torch.autograd.Function):  # type: ignore[misc]
         @staticmethod
         def forward(ctx: Any, *tensors: Any) -> Any:
             if slope is None:
@@ -42,7 +42,7 @@ def torch_function(program: Program, outputs: str | Sequence[str] | None = None)
         def backward(ctx: Any, *weights: Any) -> Any:
             raise InvalidInputError(f"second derivatives of '{program.name}' are not recorded")
 
-    class Recorded(torch.autograd.Function):
+    class Recorded(torch.autograd.Function):  # type: ignore[misc]
         @staticmethod
         def forward(ctx: Any, *tensors: Any) -> Any:
             ctx.save_for_backward(*tensors)
