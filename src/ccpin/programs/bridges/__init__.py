@@ -58,7 +58,8 @@ def differential_action(program: Program, costs: Any) -> Any:
     """A `crocoddyl.DifferentialActionModelAbstract` of x = (q, q̇), for Crocoddyl's integrators (Euler, RK).
 
     Every node keeps the y of the last state that it was asked for, and goes on from there; where σ's steps do not reach
-    the next state they go there in halves. Where that fails q̈ is NaN, at which solvers shorten their step.
+    the next state, from the node's before it, else in parts of the way. Where that fails q̈ is NaN, at which solvers
+    shorten their step.
 
     Args:
         program: `record(model, ["forward_dynamics", "sigma"], given="near", derivatives=("q", "v", "u"))`.

@@ -64,6 +64,7 @@ class DifferentialAction(crocoddyl.DifferentialActionModelAbstract):  # type: ig
         self.values, self.both = _Row(values), _Row(both)
         first = program.inputs[0].size
         self.start = np.array(program.example[: first + program.inputs[1].size])
+        self.recent = self.start[first:].copy()
 
     def createData(self) -> Any:  # noqa: D102
         return DifferentialActionData(self)
@@ -91,14 +92,18 @@ class DifferentialAction(crocoddyl.DifferentialActionModelAbstract):  # type: ig
             does(data.costs, x, u)
 
     def _moved(self, row: _Row, data: Any, x: Array, u: Array) -> None:
-        """Run a row at a state, in halves of the way where it must be."""
+        """Run a row at a state: from the node's last one, from the last of all nodes, else in parts of the way."""
         n, inputs = self.n, row.inputs
         inputs["q"][:], inputs["y"][:], inputs["v"][:], inputs["u"][:] = x[:n], data.y, x[n:], u
         row.run()
         if row.status[0]:
+            inputs["y"][:] = self.recent
+            row.run()
+        if row.status[0]:
             self._walk(row, data, x[:n])
         if not row.status[0]:
-            data.q[:], data.y[:] = x[:n], row.outputs["sigma"]
+            self.recent[:] = row.outputs["sigma"]
+            data.q[:], data.y[:] = x[:n], self.recent
 
     def _walk(self, row: _Row, data: Any, q: Array) -> None:
         """From the last configuration to q; NaN where σ's steps do not lead there."""
