@@ -1,6 +1,6 @@
 """Programs in CasADi, JAX and Crocoddyl: `python -m benchmarks.bridges [MODEL …]`; seconds of the processor.
 
-CasADi: nodes and time of q̈ and of its Jacobian. JAX: compiling, a row of 4,096, beside lanes. Crocoddyl: an iteration
+CasADi: nodes and time of q̈ and of its Jacobian. JAX: the first call, a row of 4,096. Crocoddyl: an iteration
 of FDDP over 100 nodes (RPDR), beside the same problem with a model in Python that calls the reduced model.
 """
 
@@ -15,7 +15,6 @@ import numpy as np
 
 import ccpin
 from ccpin import programs
-from ccpin.programs.lanes import CompiledProgram
 
 MODELS = ("rpdr", str(Path(__file__).parents[1] / "docs/howto/ankle.urdf"), "delta")
 ROWS, REPEATS, NODES, STEP = 4096, 9, 100, 0.005
@@ -26,12 +25,11 @@ def main(names: Sequence[str] = MODELS, rows: int = ROWS, repeats: int = REPEATS
     for name in names:
         model = ccpin.ReducedModel(ccpin.load(name))
         program = programs.record(model, "forward_dynamics", derivatives=("q", "v", "u"))
-        plain = programs.record(model, "forward_dynamics")
         sizes = [port.size for port in program.inputs]
         row = np.split(np.array(program.example), np.cumsum(sizes)[:-1])
         print(Path(name).stem)
         print(f"  CasADi  {casadi(program, row, repeats)}")
-        print(f"  JAX     {jax(program, plain, row, rows, repeats)}")
+        print(f"  JAX     {jax(program, row, rows, repeats)}")
     print(f"rpdr\n  Crocoddyl  {crocoddyl(repeats)}")
 
 
@@ -63,13 +61,13 @@ def casadi(program: programs.Program, row: list[Any], repeats: int) -> str:
     return f"q̈ {told[0]}; its Jacobian {told[1]}"
 
 
-def jax(program: programs.Program, plain: programs.Program, row: list[Any], rows: int, repeats: int) -> str:
-    """Seconds of the first call and nanoseconds a row, in double, beside lanes alone."""
+def jax(program: programs.Program, row: list[Any], rows: int, repeats: int) -> str:
+    """Seconds of the first call and nanoseconds a row, in double."""
     import jax
 
     jax.config.update("jax_enable_x64", True)
     table = [np.tile(each, (rows, 1)) for each in row]
-    function, lanes = programs.as_function(program, "jax"), CompiledProgram(plain)
+    function = programs.as_function(program, "jax")
     value = jax.jit(jax.vmap(function))
     slopes = jax.jit(jax.vmap(jax.jacfwd(lambda *inputs: function(*inputs)["forward_dynamics"], argnums=(0, 2, 3))))
     told = []
@@ -79,8 +77,7 @@ def jax(program: programs.Program, plain: programs.Program, row: list[Any], rows
         first = time.perf_counter() - begin
         each = spent(partial(lambda does: jax.block_until_ready(does(*table)), does), repeats)
         told.append(f"{first:.1f} s at first, {1e9 * each / rows:.0f} ns a row")
-    alone = 1e9 * spent(lambda: lanes(*table), repeats) / rows
-    return f"q̈ {told[0]} (lanes alone {alone:.0f}); its Jacobian {told[1]}"
+    return f"q̈ {told[0]}; its Jacobian {told[1]}"
 
 
 def crocoddyl(repeats: int, nodes: int = NODES) -> str:

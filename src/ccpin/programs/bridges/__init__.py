@@ -14,8 +14,6 @@ from ccpin.arrays import choice, instance
 from ccpin.errors import CcpinError
 from ccpin.programs.program import Program
 
-__all__ = ["as_function", "differential_action"]
-
 Library = Literal["casadi", "jax", "torch"]
 
 
@@ -44,11 +42,11 @@ def as_function(program: Program, library: Library, outputs: str | Sequence[str]
     choice(library, "library", ("casadi", "jax", "torch"))
     try:
         if library == "casadi":
-            from ccpin.programs.bridges.casadi_function import casadi_function as made
+            from ccpin.programs.bridges.casadi_function import function_of as made
         elif library == "jax":
-            from ccpin.programs.bridges.jax_function import jax_function as made
+            from ccpin.programs.bridges.jax_function import function_of as made
         else:
-            from ccpin.programs.bridges.torch_function import torch_function as made
+            from ccpin.programs.bridges.torch_function import function_of as made
     except ImportError as error:
         raise CcpinError(f"{library} is not installed: pip install 'ccpin[{library}]' ({error})") from None
     return made(program, outputs)

@@ -14,7 +14,7 @@ from typing import Any
 
 import casadi as ca
 
-from ccpin.programs.bridges.parts import STEP, Parts, evaluated, parts_of
+from ccpin.programs.bridges.parts import STEP, Differentiated, evaluated, parts_of
 from ccpin.programs.c_code import identifier
 from ccpin.programs.program import Port, Program
 
@@ -26,7 +26,7 @@ _CLOSED = {"never_inline": True, "enable_forward": False, "enable_reverse": Fals
 _PLAIN = {**_CLOSED, "enable_jacobian": False}
 
 
-def casadi_function(program: Program, outputs: str | Sequence[str] | None = None) -> Any:
+def function_of(program: Program, outputs: str | Sequence[str] | None = None) -> Any:
     """A program as a `casadi.Function`."""
     parts, name = parts_of(program, outputs), identifier(program.name)
     inputs = [ca.SX.sym(port.name, port.size) for port in program.inputs]
@@ -37,7 +37,7 @@ def casadi_function(program: Program, outputs: str | Sequence[str] | None = None
     return ca.Function(name, inputs, values, _names(program.inputs), _names(parts.values.outputs), options)
 
 
-def _jacobian(parts: Parts, inputs: list[Any], name: str) -> Any:
+def _jacobian(parts: Differentiated, inputs: list[Any], name: str) -> Any:
     """∂(each output)/∂(each input) of inputs and outputs, as CasADi asks for it."""
     reads, gives, slopes = parts.values.inputs, parts.values.outputs, parts.slopes
     assert slopes is not None

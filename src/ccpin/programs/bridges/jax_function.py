@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 
 from ccpin.errors import InvalidInputError
-from ccpin.programs.bridges.parts import STEP, Parts, evaluated, lacking, parts_of
-from ccpin.programs.bridges.rows import Rows, in_order, leading
+from ccpin.programs.bridges.parts import STEP, Differentiated, evaluated, lacking, parts_of
+from ccpin.programs.bridges.rows import RowProgram, in_order, leading
 from ccpin.programs.program import Program
 
 _JAX = SimpleNamespace(
@@ -24,7 +24,7 @@ _JAX = SimpleNamespace(
 )  # fmt: skip
 
 
-def jax_function(program: Program, outputs: str | Sequence[str] | None = None) -> Callable[..., dict[str, Any]]:
+def function_of(program: Program, outputs: str | Sequence[str] | None = None) -> Callable[..., dict[str, Any]]:
     """A program as a function of arrays (…, *shape); a dictionary of arrays (…, *shape)."""
     parts = parts_of(program, outputs)
     value = _runner(parts.values)
@@ -60,7 +60,7 @@ def _runner(program: Program) -> Callable[[list[Any]], dict[str, Any]]:
     """A program over arrays of one batch, as this machine's default device runs it best."""
     if jax.default_backend() != "cpu":
         return lambda arrays: written_out(program, arrays)
-    rows, names = Rows(program), [port.name for port in program.outputs]
+    rows, names = RowProgram(program), [port.name for port in program.outputs]
 
     def run(arrays: list[Any]) -> dict[str, Any]:
         batch = arrays[0].shape[: arrays[0].ndim - len(program.inputs[0].shape)]
@@ -70,7 +70,7 @@ def _runner(program: Program) -> Callable[[list[Any]], dict[str, Any]]:
     return run
 
 
-def _moved(parts: Parts, slopes: dict[str, Any], values: dict[str, Any], moved: list[Any]) -> dict[str, Any]:
+def _moved(parts: Differentiated, slopes: dict[str, Any], values: dict[str, Any], moved: list[Any]) -> dict[str, Any]:
     """Σ ∂(output)/∂(input) · change, for every output."""
     found = {name: jnp.zeros_like(value) for name, value in values.items()}
     for (k, j), word in parts.blocks.items():

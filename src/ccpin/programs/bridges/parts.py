@@ -18,7 +18,7 @@ _DOUBLES = Arithmetic(lambda value: value, math.sqrt, lambda a: 1 / a, math.atan
 STEP = "step_by_q"  # the tangent step that a change of q's numbers is, where q̇ is not their rate
 
 
-class Parts(NamedTuple):
+class Differentiated(NamedTuple):
     """What a program computes, and what it was recorded to have as derivatives.
 
     Attributes:
@@ -34,7 +34,7 @@ class Parts(NamedTuple):
     missing: tuple[str, ...]
 
 
-def parts_of(program: Program, outputs: str | Sequence[str] | None = None) -> Parts:
+def parts_of(program: Program, outputs: str | Sequence[str] | None = None) -> Differentiated:
     """Values and derivatives of a program, or of some of its outputs."""
     names, inputs = {port.name for port in program.outputs}, [port.name for port in program.inputs]
     of = {f"{port.name}_by_{key}" for port in program.outputs for key in inputs} & names | ({STEP} & names)
@@ -53,7 +53,9 @@ def parts_of(program: Program, outputs: str | Sequence[str] | None = None) -> Pa
             elif key != "y" and (key in reads or (key == "q" and "y" in reads)):
                 missing.append(word)
     used = {*blocks.values(), *(names & {STEP})}
-    return Parts(restricted(program, shown), None if missing else restricted(program, used), blocks, tuple(missing))
+    return Differentiated(
+        restricted(program, shown), None if missing else restricted(program, used), blocks, tuple(missing)
+    )
 
 
 def restricted(program: Program, names: Collection[str]) -> Program:

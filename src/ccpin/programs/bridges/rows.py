@@ -46,7 +46,7 @@ def leading(program: Program, shapes: Sequence[tuple[int, ...]]) -> tuple[int, .
         raise InvalidInputError(f"inputs of different numbers of rows: {error}") from None
 
 
-class Rows:
+class RowProgram:
     """A program over arrays (…, *shape) of one batch, NaN where its status is not 0."""
 
     def __init__(self, program: Program) -> None:

@@ -13,8 +13,8 @@ from typing import Any
 import torch
 
 from ccpin.errors import InvalidInputError
-from ccpin.programs.bridges.parts import STEP, Parts, evaluated, lacking, parts_of
-from ccpin.programs.bridges.rows import Rows, in_order, leading
+from ccpin.programs.bridges.parts import STEP, Differentiated, evaluated, lacking, parts_of
+from ccpin.programs.bridges.rows import RowProgram, in_order, leading
 from ccpin.programs.program import Program
 
 _TORCH = SimpleNamespace(
@@ -24,14 +24,14 @@ _TORCH = SimpleNamespace(
 )  # fmt: skip
 
 
-def torch_function(program: Program, outputs: str | Sequence[str] | None = None) -> Callable[..., dict[str, Any]]:
+def function_of(program: Program, outputs: str | Sequence[str] | None = None) -> Callable[..., dict[str, Any]]:
     """A program as a function of tensors (…, *shape); a dictionary of tensors (…, *shape)."""
     parts = parts_of(program, outputs)
     names = [port.name for port in parts.values.outputs]
     value = _runner(parts.values)
     slope = None if parts.slopes is None else _runner(parts.slopes)
 
-    class Slopes(torch.autograd.Function):  # type: ignore[misc]
+    class RecordedSlopes(torch.autograd.Function):  # type: ignore[misc]
         @staticmethod
         def forward(ctx: Any, *tensors: Any) -> Any:
             if slope is None:
@@ -50,7 +50,7 @@ def torch_function(program: Program, outputs: str | Sequence[str] | None = None)
 
         @staticmethod
         def backward(ctx: Any, *weights: Any) -> Any:
-            return _pulled(parts, Slopes.apply(*ctx.saved_tensors), weights, ctx.saved_tensors)
+            return _pulled(parts, RecordedSlopes.apply(*ctx.saved_tensors), weights, ctx.saved_tensors)
 
     def called(*placed: Any, **named: Any) -> dict[str, Any]:
         tensors = [torch.as_tensor(value) for value in in_order(program, placed, named)]
@@ -71,7 +71,7 @@ def _kind(tensors: list[Any]) -> Any:
 
 def _runner(program: Program) -> Callable[[Any], list[Any]]:
     """A program over tensors of one batch, in lanes where they are the processor's."""
-    rows = Rows(program)
+    rows = RowProgram(program)
 
     def run(tensors: Any) -> list[Any]:
         if tensors[0].device.type != "cpu":
@@ -81,7 +81,7 @@ def _runner(program: Program) -> Callable[[Any], list[Any]]:
     return run
 
 
-def _pulled(parts: Parts, tables: Any, weights: Any, tensors: Any) -> tuple[Any, ...]:
+def _pulled(parts: Differentiated, tables: Any, weights: Any, tensors: Any) -> tuple[Any, ...]:
     """Σ weightᵀ ∂(output)/∂(input), for every input."""
     assert parts.slopes is not None
     slopes = dict(zip([port.name for port in parts.slopes.outputs], tables, strict=True))
