@@ -6,7 +6,7 @@ import pytest
 import ccpin
 from ccpin import programs
 from ccpin.errors import InvalidInputError
-from ccpin.programs.bridges.parts import restricted
+from ccpin.programs.bridges.differentiated import restricted
 from ccpin.programs.evaluation import values_of
 from tests.support.ball_joint import ball_joint
 from tests.support.bridged import CASES, close, model, recorded, states_of

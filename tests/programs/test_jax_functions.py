@@ -65,8 +65,8 @@ def test_arrays_with_leading_axes_and_names(name):
 
 def test_it_is_the_same_written_out():
     """For devices that do not call back: JAX's own operations."""
+    from ccpin.programs.bridges.differentiated import parts_of
     from ccpin.programs.bridges.jax_function import written_out
-    from ccpin.programs.bridges.parts import parts_of
 
     program = recorded("rpdr", ("forward_dynamics", "sigma"), "near")
     _, rows = states_of(model("rpdr"))
@@ -139,7 +139,7 @@ def test_derivatives_that_were_not_recorded_are_told():
 
 
 def test_without_a_compiler_it_is_numpy(monkeypatch):
-    from ccpin.programs.bridges import rows as running
+    from ccpin.programs.bridges import row_programs
     from ccpin.programs.lanes import NoCompilerError
 
     def none(*arguments):
@@ -147,5 +147,5 @@ def test_without_a_compiler_it_is_numpy(monkeypatch):
 
     _, rows = states_of(model("rpdr"))
     expected = programs.as_function(recorded("rpdr"), "jax")(*rows)["forward_dynamics"]
-    monkeypatch.setattr(running, "CompiledProgram", none)
+    monkeypatch.setattr(row_programs, "CompiledProgram", none)
     close(programs.as_function(recorded("rpdr"), "jax")(*rows)["forward_dynamics"], expected)

@@ -53,7 +53,7 @@ def test_tensors_with_leading_axes_and_names():
 
 def test_it_is_the_same_written_out():
     """For other devices: PyTorch's own operations."""
-    from ccpin.programs.bridges.parts import parts_of
+    from ccpin.programs.bridges.differentiated import parts_of
     from ccpin.programs.bridges.torch_function import written_out
 
     program = recorded("ankle", ("forward_dynamics", "sigma"), "near")

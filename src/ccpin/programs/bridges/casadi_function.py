@@ -14,7 +14,7 @@ from typing import Any
 
 import casadi as ca
 
-from ccpin.programs.bridges.parts import STEP, Differentiated, evaluated, parts_of
+from ccpin.programs.bridges.differentiated import STEP, Differentiated, evaluated, parts_of
 from ccpin.programs.c_code import identifier
 from ccpin.programs.program import Port, Program
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ccpin.arrays import Array, instance
 from ccpin.errors import InvalidInputError
-from ccpin.programs.bridges.parts import STEP, parts_of, restricted
+from ccpin.programs.bridges.differentiated import STEP, parts_of, restricted
 from ccpin.programs.lanes import CompiledProgram
 from ccpin.programs.program import Program
 
@@ -44,11 +44,16 @@ class _Row:
     """A compiled program over one row of arrays that are always the same."""
 
     def __init__(self, compiled: CompiledProgram) -> None:
-        inputs, outputs = compiled.program.inputs, compiled.program.outputs
-        self.inputs = {port.name: np.zeros(port.shape) for port in inputs}
-        self.outputs = {port.name: np.zeros(port.shape) for port in outputs}
+        self.q, self.y, self.v, self.u = (np.zeros(port.shape) for port in compiled.program.inputs)
+        self.outputs = {port.name: np.zeros(port.shape) for port in compiled.program.outputs}
+        self.acceleration, self.sigma = self.outputs[_WORD], self.outputs["sigma"]
         self.status = np.zeros(1, dtype=np.int32)
-        self.run = compiled.bound([*self.inputs.values()], [*self.outputs.values()], self.status)
+        self._run = compiled.bound([self.q, self.y, self.v, self.u], [*self.outputs.values()], self.status)
+
+    def fails(self) -> bool:
+        """Run it, and whether the status is not 0."""
+        self._run()
+        return bool(self.status.item())
 
 
 class DifferentialAction(crocoddyl.DifferentialActionModelAbstract):  # type: ignore[misc]
@@ -72,7 +77,7 @@ class DifferentialAction(crocoddyl.DifferentialActionModelAbstract):  # type: ig
     def calc(self, data: Any, x: Array, u: Array | None = None) -> None:
         """q̈ and the cost."""
         self._moved(self.values, data, x, self._zero if u is None else u)
-        data.xout = self.values.outputs[_WORD]
+        data.xout = self.values.acceleration
         self._cost(data, x, u, self.costs.calc)
         data.cost = data.costs.cost
 
@@ -93,34 +98,29 @@ class DifferentialAction(crocoddyl.DifferentialActionModelAbstract):  # type: ig
 
     def _moved(self, row: _Row, data: Any, x: Array, u: Array) -> None:
         """Run a row at a state: from the node's last one, from the last of all nodes, else in parts of the way."""
-        n, inputs = self.n, row.inputs
-        inputs["q"][:], inputs["y"][:], inputs["v"][:], inputs["u"][:] = x[:n], data.y, x[n:], u
-        row.run()
-        if row.status[0]:
-            inputs["y"][:] = self.recent
-            row.run()
-        if row.status[0]:
-            self._walk(row, data, x[:n])
-        if not row.status[0]:
-            self.recent[:] = row.outputs["sigma"]
-            data.q[:], data.y[:] = x[:n], self.recent
+        n = self.n
+        row.q[:], row.y[:], row.v[:], row.u[:] = x[:n], data.y, x[n:], u
+        if row.fails():
+            row.y[:] = self.recent
+            if row.fails() and not self._walks(row, data, x[:n]):
+                return
+        self.recent[:] = data.y[:] = row.sigma
+        data.q[:] = row.q
 
-    def _walk(self, row: _Row, data: Any, q: Array) -> None:
-        """From the last configuration to q; NaN where σ's steps do not lead there."""
-        way, q0, y0 = 0.0, data.q.copy(), data.y.copy()
-        stride = 0.5
+    def _walks(self, row: _Row, data: Any, q: Array) -> bool:
+        """Whether the row goes from the node's last configuration to q; else it is NaN."""
+        way, stride, q0, y0 = 0.0, 0.5, data.q.copy(), data.y.copy()
         while way < 1.0 and stride >= _DEEPEST:
             to = min(1.0, way + stride)
-            row.inputs["q"][:], row.inputs["y"][:] = q0 + to * (q - q0) if to < 1.0 else q, y0
-            row.run()
-            if row.status[0]:
+            row.q[:], row.y[:] = q0 + to * (q - q0) if to < 1.0 else q, y0
+            if row.fails():
                 stride *= 0.5
             else:
-                way, y0 = to, row.outputs["sigma"].copy()
+                way, y0 = to, row.sigma.copy()
         if way < 1.0:
-            row.status[0] = 2
             for output in row.outputs.values():
                 output.fill(np.nan)
+        return way == 1.0
 
 
 class DifferentialActionData(crocoddyl.DifferentialActionDataAbstract):  # type: ignore[misc]

@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 
 from ccpin.errors import InvalidInputError
-from ccpin.programs.bridges.parts import STEP, Differentiated, evaluated, lacking, parts_of
-from ccpin.programs.bridges.rows import RowProgram, in_order, leading
+from ccpin.programs.bridges.differentiated import STEP, Differentiated, evaluated, lacking, parts_of
+from ccpin.programs.bridges.row_programs import RowProgram, in_order, leading
 from ccpin.programs.program import Program
 
 _JAX = SimpleNamespace(

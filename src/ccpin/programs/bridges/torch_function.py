@@ -13,8 +13,8 @@ from typing import Any
 import torch
 
 from ccpin.errors import InvalidInputError
-from ccpin.programs.bridges.parts import STEP, Differentiated, evaluated, lacking, parts_of
-from ccpin.programs.bridges.rows import RowProgram, in_order, leading
+from ccpin.programs.bridges.differentiated import STEP, Differentiated, evaluated, lacking, parts_of
+from ccpin.programs.bridges.row_programs import RowProgram, in_order, leading
 from ccpin.programs.program import Program
 
 _TORCH = SimpleNamespace(
