@@ -56,7 +56,8 @@ def record(
             y of a configuration near by on the same branch, from which σ(q) is found by a fixed number of steps.
         steps: Newton steps of σ; one more with the last matrix follows.
         derivatives: Of every quantity also its derivative by these of `"q"`, `"v"`, `"u"`, `"a"` (outputs `NAME_by_q`,
-            …), with the derivative's axis last; by q along tangent steps, with y moving along by ρ.
+            …), with the derivative's axis last; by q along tangent steps, with y moving along by ρ. Where q̇ is not the
+            rate of q's numbers, `step_by_q` is the tangent step that a change of the numbers is.
         law: The law of `"torque"` and `"lyapunov"`: none, PDSimpleGravity or PDFullGravity.
         points: End effectors by names of outputs.
         near: The State it is recorded about (pivots are chosen at states around it), default the reference.
@@ -176,12 +177,18 @@ def _outputs(scene: TapedModel, asked: tuple[str, ...], derivatives: tuple[str, 
         if name in scene.points:
             pose = pose_of(scene, scene.points[name])
             found |= {name: pose[:3, 3], f"{name}_rotation": pose[:3, :3], f"{name}_jacobian": jacobian_of(scene, pose)}
+            if "q" in derivatives:
+                found |= {f"{name}_by_q": along(scene, pose[:3, 3], "q")}
+                found |= {f"{name}_rotation_by_q": along(scene, pose[:3, :3], "q")}
             continue
         quantity = QUANTITIES[name]
         found[name] = quantity.record(scene)
         for by in derivatives:
             if by == "q" or by in quantity.needs:
                 found[f"{name}_by_{by}"] = along(scene, found[name], by)
+    if "q" in derivatives and not scene.own.q.scalar:
+        moved = (scene.recorded.rates @ scene.recorded.motion.rho)[list(scene.own.q.places)]
+        found["step_by_q"] = scene.tape.solve(moved.T @ moved, moved.T)
     return found
 
 
