@@ -10,13 +10,18 @@ from typing import TYPE_CHECKING, Any
 from ccpin.programs.program import Answer, Port, Program, load
 
 if TYPE_CHECKING:
+    from ccpin.programs.exporting import export
     from ccpin.programs.recorder import record
 
-__all__ = ["Answer", "Port", "Program", "load", "record"]
+__all__ = ["Answer", "Port", "Program", "export", "load", "record"]
 __dir__ = __all__.copy
 
 
 def __getattr__(name: str) -> Any:
+    if name == "export":
+        from ccpin.programs.exporting import export
+
+        return export
     if name == "record":
         from ccpin.programs.recorder import record
 

@@ -100,7 +100,8 @@ class Program:
         pivots: Values that solves divide by.
         corrections: Numbers of the last corrections of σ's Newton steps (none where q′ is given closed), and the square
             of their length above which they had not converged.
-        example: Inputs at which it was recorded, by name.
+        example: Inputs at which it was recorded, in the order of the numbers.
+        around: Inputs at closed states about it, alike.
     """
 
     name: str
@@ -111,6 +112,7 @@ class Program:
     corrections: tuple[int, ...] = ()
     tolerance: float = 0.0
     example: tuple[float, ...] = ()
+    around: tuple[tuple[float, ...], ...] = ()
 
     def __call__(self, **inputs: ArrayLike) -> Answer:
         """The outputs at inputs of the ports' shapes, or of many at once along a first axis more."""
@@ -190,8 +192,11 @@ class Program:
 
     def save(self, path: str | Path) -> None:
         """Write it as JSON, with its digest; `ccpin.programs.load` reads it with NumPy alone."""
-        text = json.dumps(self._document() | {"digest": self.digest})
-        write_atomically(path, "w", lambda file: file.write(text))
+        write_atomically(path, "w", lambda file: file.write(self.document()))
+
+    def document(self) -> str:
+        """What `save` writes."""
+        return json.dumps(self._document() | {"digest": self.digest})
 
     def _document(self) -> dict[str, Any]:
         return {
@@ -202,6 +207,7 @@ class Program:
             "pivots": [[pivot.number, pivot.scale.hex()] for pivot in self.pivots],
             "corrections": list(self.corrections), "tolerance": self.tolerance.hex(),
             "example": [value.hex() for value in self.example],
+            "around": [[value.hex() for value in row] for row in self.around],
         }  # fmt: skip
 
 
@@ -247,8 +253,9 @@ def _program_of(document: Any) -> Program:
         raise ValueError("its outputs are not there")
     code = Code(size, count, tuple(instructions), results)
     example = tuple(map(float.fromhex, document["example"]))
+    around = tuple(tuple(map(float.fromhex, row)) for row in document["around"])
     tolerance = float.fromhex(document["tolerance"])
-    return Program(str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example)
+    return Program(str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example, around)
 
 
 def _port_of(entry: Any) -> Port:

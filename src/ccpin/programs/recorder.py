@@ -85,6 +85,7 @@ def record(
     return Program(
         f"{model.mechanism.name}: {', '.join(asked)}", ports, _output_ports(outputs), shown, done.pivots,
         done.code.outputs[len(done.code.outputs) - count :], CONVERGED if count else 0.0, tuple(samples[0].tolist()),
+        tuple(map(tuple, samples[1:].tolist())),
     )  # fmt: skip
 
 
