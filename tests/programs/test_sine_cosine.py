@@ -57,7 +57,7 @@ def upper(value):
 
 
 def polynomials_error(precision, rho):
-    """ε_s and ε_c: Taylor's polynomial below r²⁴ less ours by the mean value over pieces of [0, ρ]; the series' rest."""
+    """ε_s and ε_c: Taylor's polynomial below r²⁴ less ours by the mean value over pieces; the series' rest."""
     found = []
     for own, lowest in ((precision.sine, 3), (precision.cosine, 4)):
         terms = [arb(0)] * 24

@@ -15,10 +15,10 @@ from ccpin.programs.program import Port, Program
 from ccpin.programs.sine_cosine import Precision
 
 _WORDS = """
-auto break case char const continue default do double else enum extern float for goto if inline int long register restrict
-return short signed sizeof static struct switch typedef union unsigned void volatile while asm bool catch class delete
-false friend main namespace new operator private protected public template this throw true try using virtual and or not
-xor j0 j1 jn y0 y1 yn signgam printf large out x
+auto break case char const continue default do double else enum extern float for goto if inline int long register
+restrict return short signed sizeof static struct switch typedef union unsigned void volatile while asm bool catch
+class delete false friend main namespace new operator private protected public template this throw true try using
+virtual and or not xor j0 j1 jn y0 y1 yn signgam printf fabs large out x k states wanted codes differs
 """  # of C, C++ and <math.h>, and those that the text itself has
 
 

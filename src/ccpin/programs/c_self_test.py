@@ -37,7 +37,7 @@ def self_test(program: Program, name: str, precision: Precision) -> str:
             checks.append(f"wrong += differs({names[k]}, wanted[n] + {first}, {port.size}, &same);")
         first += port.size
     given, kind, within = ", ".join(arguments), precision.name, f"{TOLERANCE[precision.name]:g}"
-    return f"""/* Tests {name}.h at {len(rows)} states: ends with 0 where all is as it was computed, and prints what is not. */
+    return f"""/* Tests {name}.h at {len(rows)} states: ends with 0 where all is as computed, and prints what is not. */
 #include <stdio.h>
 #include "{name}.h"
 
