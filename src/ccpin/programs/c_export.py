@@ -18,7 +18,8 @@ _WORDS = """
 auto break case char const continue default do double else enum extern float for goto if inline int long register
 restrict return short signed sizeof static struct switch typedef union unsigned void volatile while asm bool catch
 class delete false friend main namespace new operator private protected public template this throw true try using
-virtual and or not xor j0 j1 jn y0 y1 yn signgam printf fabs large out x k states wanted codes differs
+virtual and or not xor j0 j1 jn y0 y1 yn signgam printf fabs large out x k states wanted codes differs n wrong same
+code failures exact
 """  # of C, C++ and <math.h>, and those that the text itself has
 
 
@@ -70,7 +71,7 @@ def _named(macros: str, kernel: str, name: str, precision: Precision) -> tuple[d
 
 def _function(program: Program, name: str, precision: Precision) -> str:
     """The one function that is called."""
-    kind, names = precision.name, parameters(program)
+    kind, names = precision.name, parameters(program, name)
     ports = [(port, names[k]) for k, port in enumerate((*program.inputs, *program.outputs))]
     reads, gives = ports[: len(program.inputs)], ports[len(program.inputs) :]
     taken = [f"const {kind} {word}[{port.size}]" for port, word in reads if port.size]
@@ -90,12 +91,13 @@ def _function(program: Program, name: str, precision: Precision) -> str:
     return "\n".join([head, "{", *(f"    {line}" for line in lines), "}"])
 
 
-def parameters(program: Program) -> list[str]:
-    """C's names of the ports, of which no two are one."""
+def parameters(program: Program, name: str) -> list[str]:
+    """C's names of the ports, of which no two are one, and none the function's or one that begins like it."""
     found = list[str]()
     for port in (*program.inputs, *program.outputs):
         word = identifier(port.name)[:40]
         word = f"{word}_" if is_taken(word) else word
+        word = f"p_{word}" if f"{word}_".startswith(f"{name}_") else word
         while word in found:
             word += "_"
         found.append(word)
@@ -114,11 +116,11 @@ def _comment(program: Program, name: str, precision: Precision, kernel: Text) ->
         f"{name}.h: {program.name}",
         f"Written by ccpin {__version__} from the program {program.digest}",
         "",
-        *(line for k, port in enumerate(program.inputs) for line in _told("in ", port, parameters(program)[k])),
+        *(line for k, port in enumerate(program.inputs) for line in _told("in ", port, parameters(program, name)[k])),
         *(
             line
             for k, port in enumerate(program.outputs, start=len(program.inputs))
-            for line in _told("out", port, parameters(program)[k])
+            for line in _told("out", port, parameters(program, name)[k])
         ),
         *(
             ["q and y are of a closed configuration"]

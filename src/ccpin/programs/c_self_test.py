@@ -24,7 +24,7 @@ def self_test(program: Program, name: str, precision: Precision) -> str:
     found = c_answers(program, rows, precision)
     held = rows.astype(precision.type)
     outputs = np.where((found.status == 0)[:, None] & np.isfinite(found.outputs), found.outputs, 0)
-    names, first, calls = parameters(program), 0, list[str]()
+    names, first, calls = parameters(program, name), 0, list[str]()
     arguments, checks = list[str](), list[str]()
     for port in program.inputs:
         arguments += [f"states[n] + {first}"] if port.size else []
