@@ -109,7 +109,7 @@ def typed(command, where):
         elif program == "python" and arguments[0].endswith(".py"):
             runpy.run_path(arguments[0], run_name="__main__")
         elif program.startswith("./"):
-            print(subprocess.run([program, *arguments], capture_output=True, text=True, check=True).stdout, end="")
+            out.write(subprocess.run([program, *arguments], capture_output=True, text=True, check=True).stdout)
         elif program != "ccpin":
             assert program in OTHERS, f"{where}: nobody runs `{command}`"
             OTHERS[program](arguments)
