@@ -205,7 +205,7 @@ def test_json_is_what_save_writes(loaded, tmp_path):
     program = programs.record(loaded("rpdr"), "mass")
     (path,) = programs.export(program, tmp_path, "json", name="terms")
     assert path.name == "terms.json"
-    assert programs.load(path).digest == program.digest
+    assert programs.Program.load(path).digest == program.digest
 
 
 def test_the_command_line_writes_where_it_is_told(tmp_path, monkeypatch, capsys):

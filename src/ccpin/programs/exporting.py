@@ -25,7 +25,7 @@ def _c(program: Program, name: str, precision: Precision) -> dict[str, str]:
 
 
 def _json(program: Program, name: str, precision: Precision) -> dict[str, str]:
-    return {f"{name}.json": program.document()}
+    return {f"{name}.json": program.text}
 
 
 TARGETS: dict[str, Target] = {"c": _c, "json": _json}  # the texts of a program's files, by their names

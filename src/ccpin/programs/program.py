@@ -42,6 +42,7 @@ WORDS = {
 }  # fmt: skip
 _KINDS = {word: kind for kind, word in WORDS.items()}
 _FORMAT, _VERSION = "ccpin.program", 1
+_NONE = (OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError)  # what reading no program raises
 SMALL_PIVOT = 1e-6  # of its size at the samples: a state at which a solve divides by less is refused
 
 
@@ -191,12 +192,29 @@ class Program:
         return "\n".join(lines)
 
     def save(self, path: str | Path) -> None:
-        """Write it as JSON, with its digest; `ccpin.programs.load` reads it with NumPy alone."""
-        write_atomically(path, "w", lambda file: file.write(self.document()))
+        """Write it as JSON, with its digest; `load` reads it again."""
+        write_atomically(path, "w", lambda file: file.write(self.text))
 
-    def document(self) -> str:
-        """What `save` writes."""
+    @property
+    def text(self) -> str:
+        """The JSON that `save` writes."""
         return json.dumps(self._document() | {"digest": self.digest})
+
+    @classmethod
+    def load(cls, path: str | Path) -> Program:
+        """A program that `save` wrote; NumPy alone runs it.
+
+        Raises:
+            CcpinError: The file is none, is damaged, or of a later version.
+        """
+        try:
+            document = json.loads(Path(path).read_bytes())
+            program = _program_of(document)
+        except _NONE as error:
+            raise CcpinError(f"{path} is no program of ccpin's: {error}") from None
+        if document.get("digest") != program.digest:
+            raise CcpinError(f"{path} was changed since it was written: its digest is another")
+        return program
 
     def _document(self) -> dict[str, Any]:
         return {
@@ -209,22 +227,6 @@ class Program:
             "example": [value.hex() for value in self.example],
             "around": [[value.hex() for value in row] for row in self.around],
         }  # fmt: skip
-
-
-def load(path: str | Path) -> Program:
-    """A program that `Program.save` wrote.
-
-    Raises:
-        CcpinError: The file is none, is damaged, or of a later version.
-    """
-    try:
-        document = json.loads(Path(path).read_bytes())
-        program = _program_of(document)
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError, ZeroDivisionError) as error:
-        raise CcpinError(f"{path} is no program of ccpin's: {error}") from None
-    if document.get("digest") != program.digest:
-        raise CcpinError(f"{path} was changed since it was written: its digest is another")
-    return program
 
 
 def _program_of(document: Any) -> Program:
