@@ -16,7 +16,7 @@ from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.programs.instructions import Code
 from ccpin.programs.lowering import lowered
 from ccpin.programs.program import Port, Program
-from ccpin.programs.quantities import QUANTITIES, Recording, along, jacobian_of, pose_of, recording_of
+from ccpin.programs.quantities import QUANTITIES, TapedModel, along, jacobian_of, pose_of, taped_model
 from ccpin.programs.recording.recorded_model import Numbering, numbering
 from ccpin.programs.recording.recorded_tree import Table
 from ccpin.programs.tape import Expression, Node, Tape
@@ -67,7 +67,7 @@ def record(
     reference = model.mechanism.q_reference
     state = model.at(model.alpha(reference), reference) if near is None else model.at(near)
     own = numbering(model, state.q_free)
-    scene = recording_of(model, own, state.q_free, law, ends)
+    scene = taped_model(model, own, state.q_free, law, ends)
     outputs = _outputs(scene, asked, tuple(derivatives))
     inner = scene.tape.code([entry for table in outputs.values() for entry in table.ravel()])
     ports = _input_ports(scene, _inputs_read(scene, inner))
@@ -132,7 +132,7 @@ def _require_known(
         instance(end, f"points[{name!r}]", EndEffector)
 
 
-def _outputs(scene: Recording, asked: tuple[str, ...], derivatives: tuple[str, ...]) -> dict[str, Table]:
+def _outputs(scene: TapedModel, asked: tuple[str, ...], derivatives: tuple[str, ...]) -> dict[str, Table]:
     """Tables of expressions by the names of their outputs."""
     found = dict[str, Table]()
     for name in asked:
@@ -148,13 +148,13 @@ def _outputs(scene: Recording, asked: tuple[str, ...], derivatives: tuple[str, .
     return found
 
 
-def _inputs_read(scene: Recording, code: Code) -> set[str]:
+def _inputs_read(scene: TapedModel, code: Code) -> set[str]:
     """Which of v, u, a an output depends on."""
     used = {number for item in code.instructions for number in item.operands} | set(code.outputs)
     return {name for name, nodes in scene.inputs.items() if used & {node.index for node in nodes}}
 
 
-def _input_ports(scene: Recording, reads: set[str]) -> tuple[Port, ...]:
+def _input_ports(scene: TapedModel, reads: set[str]) -> tuple[Port, ...]:
     """q and y, and what else is read."""
     numbers = _names(scene)
     own, model = scene.own, scene.model
@@ -182,7 +182,7 @@ def _spread(names: list[tuple[str, str]], size: int) -> list[str]:
     return plain if len(plain) == size else [str(k) for k in range(size)]
 
 
-def _names(scene: Recording) -> list[tuple[str, str]]:
+def _names(scene: TapedModel) -> list[tuple[str, str]]:
     """A name and a unit of every number of x."""
     found = list[tuple[str, str]]()
     tree = scene.model.mechanism.tree
@@ -215,7 +215,7 @@ def _split(nodes: Sequence[Node], ports: Sequence[Port]) -> list[Table]:
     return np.split(np.array(nodes, dtype=object), ends)
 
 
-def _arguments(scene: Recording, at: dict[str, Table]) -> list[Expression]:
+def _arguments(scene: TapedModel, at: dict[str, Table]) -> list[Expression]:
     """Values for the scene's inputs; 0 for those that nothing reads."""
     x = np.zeros(len(scene.own.near), dtype=object)
     x[list(scene.own.q.places)], x[list(scene.own.dependent)] = at["q"], at["y"]
