@@ -1,6 +1,6 @@
 """Exported C beside Pinocchio's constraintDynamics: `python -m benchmarks.exported [MODEL …]`.
 
-For each mechanism: CPU seconds that gcc -O2 takes and bytes of code, nanoseconds of q̈ of one state with q′ known (24
+For each mechanism: CPU seconds that gcc -O2 takes and bytes of code, nanoseconds of q̈ of one state with q′ known (32
 states in turn), with σ found by two Newton steps, and their ratios to Pinocchio in one run. Pinocchio has the rods'
 idle spins free, as it has no closure that holds them.
 """
@@ -18,13 +18,11 @@ from pathlib import Path
 import numpy as np
 
 import ccpin
-from benchmarks.firmware import ANKLE
+from benchmarks.firmware import ANKLE, arguments, states
 from benchmarks.peers.pinocchio import Pinocchio
 from benchmarks.subjects import place
 from benchmarks.timing import in_turn
 from ccpin import programs
-from ccpin.programs.c_export import parameters
-from ccpin.programs.c_self_test import states
 
 MODELS = ("rpdr", "planar_3rrr", str(ANKLE), "delta", "stewart")
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
@@ -46,14 +44,11 @@ double many(long n, const double (*x)[{reads}])
 
 def compiled(program: programs.Program, folder: Path, name: str) -> tuple[Callable[[], object], float, int]:
     """A call of `CALLS` states, CPU seconds of compilation and bytes of code."""
-    sizes = [port.size for port in (*program.inputs, *program.outputs)]
-    count, reads = len(program.inputs), sum(port.size for port in program.inputs)
-    starts = np.concatenate([[0], np.cumsum(sizes)])
-    places = [f"in + {starts[k]}" if k < count else f"out + {starts[k] - reads}" for k in range(len(sizes)) if sizes[k]]
-    assert len(places) == len(parameters(program, name))
+    reads, gives = (sum(port.size for port in ports) for ports in (program.inputs, program.outputs))
+    places = ", ".join(arguments(program, "in", "out"))
     rows = np.ascontiguousarray(states(program))
     programs.export(program, folder, name=name)
-    told = {"name": name, "reads": reads, "gives": sum(sizes) - reads, "rows": len(rows), "places": ", ".join(places)}
+    told = {"name": name, "reads": reads, "gives": gives, "rows": len(rows), "places": places}
     (folder / f"{name}.c").write_text(MAIN.format(**told))
     began = sum(os.times()[2:4])
     subprocess.run(["gcc", *FLAGS, "-fPIC", "-c", f"{name}.c"], check=True, cwd=folder)

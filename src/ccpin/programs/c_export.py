@@ -8,7 +8,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ccpin import __version__
 from ccpin.programs.c_code import Text, identifier, kernel_of, scalar_macros
 from ccpin.programs.instructions import ANGLE, GAIN, ROOT
 from ccpin.programs.program import Port, Program
@@ -114,7 +113,7 @@ def _comment(program: Program, name: str, precision: Precision, kernel: Text) ->
     bits = "acos and atan2 are <math.h>'s" if system & {GAIN, ANGLE} else "the same bits wherever arithmetic is IEEE's"
     lines = [
         f"{name}.h: {program.name}",
-        f"Written by ccpin {__version__} from the program {program.digest}",
+        f"Written by ccpin from the program {program.digest}",
         "",
         *(line for k, port in enumerate(program.inputs) for line in _told("in ", port, parameters(program, name)[k])),
         *(
