@@ -136,8 +136,8 @@ def test_no_heap_and_no_globals(loaded, tmp_path):
 def test_two_headers_in_one_file(loaded, tmp_path):
     """Double and float, two mechanisms, beside <complex.h> and a BITS and R of somebody else's; as C++ too."""
     programs.export(programs.record(loaded("rpdr"), "forward_dynamics"), tmp_path, name="one")
-    programs.export(programs.record(loaded("four_bar"), ["mass", "gravity"]), tmp_path, name="two", format="float")
-    both = '#include "one.h"\n#include "two.h"\n#include "one.h"\nint main(void) { return one_OK + two_OK; }\n'
+    programs.export(programs.record(loaded("four_bar"), ["mass", "gravity"]), tmp_path, name="ONE", format="float")
+    both = '#include "one.h"\n#include "ONE.h"\n#include "one.h"\nint main(void) { return one_OK + ONE_OK; }\n'
     (tmp_path / "both.c").write_text(
         f"#include <complex.h>\n#define BITS 3\n#define LANES 5\n{both}#if LANES != 5\n#error\n#endif\n"
     )
@@ -146,7 +146,7 @@ def test_two_headers_in_one_file(loaded, tmp_path):
     subprocess.run([compiler("g++"), "-O2", "-Wall", "-Wextra", "-c", "both.cpp"], check=True, cwd=tmp_path)
 
 
-HOSTILE = '*/ int main(void) { return 1; } /* "??/\n#error \\' + "\u202e\u2066é\x00\\"
+HOSTILE = '*/ int main(void) { return 1; } /* "???/\n#error \\' + "\u202e\u2066é\x00\\"
 
 
 def test_names_of_mechanisms_and_points_do_no_harm(loaded, tmp_path):

@@ -37,7 +37,7 @@ def header(program: Program, name: str, precision: Precision) -> str:
     kernel = kernel_of(program, name, precision)
     macros, text = _named(scalar_macros(precision), kernel.kernel, name, precision)
     codes = {"OK": 0, "SINGULAR": 1, "NOT_CONVERGED": 2}
-    guard, known = f"{name.upper()}_H", ", ".join(f"{name}_{word} = {value}" for word, value in codes.items())
+    guard, known = f"CCPIN_{name}_H", ", ".join(f"{name}_{word} = {value}" for word, value in codes.items())
     parts = [
         _comment(program, name, precision, kernel),
         f"#ifndef {guard}\n#define {guard}\n",
@@ -158,4 +158,4 @@ def _told(way: str, port: Port, word: str) -> Iterator[str]:
 def _harmless(line: str) -> str:
     """A line that ends no comment and hides nothing, whatever a mechanism is called."""
     shown = "".join(letter if letter.isprintable() else "?" for letter in line)
-    return shown.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").rstrip("\\")
+    return re.sub(r"\?(?=\?)", "? ", shown).replace("*/", "* /").replace("/*", "/ *").rstrip("\\")
