@@ -70,6 +70,7 @@ _MOVES = (
     "validated/sets/test_move.py::test_bad_arrivals",
 )
 _DEFECT = ("validated/flow/test_sharp_defect.py",)
+_TAPES = "programs/test_tape.py"
 _PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
     Room(
@@ -133,12 +134,15 @@ ROOMS: tuple[Room, ...] = (
             "Tape.reciprocal",
             "Tape.angle",
             "Tape.derivative",
+            "Tape.inlined",
+            "Tape.copied",
+            "Tape._solution_slope",
             "Tape.code",
             "Tape._slope",
             "Tape._record",
             "is_zero",
         ),
-        _PROGRAMS,
+        (*_PROGRAMS, _TAPES),
         (("not isinstance(value, Node) and", "not asked: not isinstance", "a node equals no number"),),
     ),
     Room(
@@ -255,7 +259,7 @@ ROOMS: tuple[Room, ...] = (
         _RECORDED,
         (("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),),
     ),
-    Room("programs/folding", ("folded",), (*_RECORDED, *_PROGRAMS)),
+    Room("programs/folding", ("folded",), (*_PROGRAMS, _TAPES)),
     Room(
         "programs/recording/ball_joints",
         ("BallTurn.relative", "ball_at", "turns_of", "turn_rows", "turn_rates"),
