@@ -14,6 +14,7 @@ from ccpin.programs.program import Answer, Port, Program
 if TYPE_CHECKING:
     from ccpin.programs.bridges import as_function, differential_action
     from ccpin.programs.compiled_model import compiled
+    from ccpin.programs.exporting import export
     from ccpin.programs.recorder import configuration, record
 
 _WHERE = {  # what is imported with the first use of a name
@@ -21,9 +22,20 @@ _WHERE = {  # what is imported with the first use of a name
     "compiled": "compiled_model",
     "configuration": "recorder",
     "differential_action": "bridges",
+    "export": "exporting",
     "record": "recorder",
 }
-__all__ = ["Answer", "Port", "Program", "as_function", "compiled", "configuration", "differential_action", "record"]
+__all__ = [
+    "Answer",
+    "Port",
+    "Program",
+    "as_function",
+    "compiled",
+    "configuration",
+    "differential_action",
+    "export",
+    "record",
+]
 __dir__ = __all__.copy
 
 

@@ -110,6 +110,7 @@ def _program(
     return Program(
         f"{scene.model.mechanism.name}: {', '.join(asked)}", *ports, shown, done.pivots,
         done.code.outputs[len(done.code.outputs) - count :], CONVERGED if count else 0.0, tuple(samples[0].tolist()),
+        tuple(map(tuple, samples[1:].tolist())),
     )  # fmt: skip
 
 
