@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,6 +35,9 @@ from ccpin.programs.instructions import (
     Instruction,
 )
 from ccpin.programs.lowering import Pivot
+
+if TYPE_CHECKING:
+    from ccpin.programs.assembly import Source
 
 WORDS = {
     CONSTANT: "constant", ADD: "add", SUBTRACT: "subtract", MULTIPLY: "multiply", SCALE: "scale", SINE: "sine",
@@ -101,6 +104,7 @@ class Program:
         corrections: Numbers of the last corrections of σ's Newton steps (none where q′ is given closed), and the square
             of their length above which they had not converged.
         example: Inputs at which it was recorded, by name.
+        source: What it was put together of, where it was recorded here; a program that was loaded has none.
     """
 
     name: str
@@ -111,6 +115,7 @@ class Program:
     corrections: tuple[int, ...] = ()
     tolerance: float = 0.0
     example: tuple[float, ...] = ()
+    source: Source | None = None
 
     def __call__(self, **inputs: ArrayLike) -> Answer:
         """The outputs at inputs of the ports' shapes, or of many at once along a first axis more."""

@@ -13,13 +13,12 @@ from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.programs.assembly import Source, assembled
 from ccpin.programs.instructions import Code
-from ccpin.programs.lowering import lowered
 from ccpin.programs.program import Port, Program
 from ccpin.programs.quantities import QUANTITIES, Scene, along, jacobian_of, pose_of, scene_of
 from ccpin.programs.recording.recorded_model import Numbering, numbering
 from ccpin.programs.recording.recorded_tree import Table
-from ccpin.programs.tape import Expression, Node, Tape
 
 Given = Literal["closed", "near"]
 SAMPLES, _SPREAD, _TRIES = 32, 0.15, 400  # states about the reference at which pivots are chosen
@@ -71,20 +70,16 @@ def record(
     outputs = _outputs(scene, asked, tuple(derivatives))
     inner = scene.tape.code([entry for table in outputs.values() for entry in table.ravel()])
     ports = _input_ports(scene, _inputs_read(scene, inner))
-    tape = Tape(sum(port.size for port in ports))
-    at = dict(zip((port.name for port in ports), _split(tape.inputs, ports), strict=True))
-    y, corrections = at["y"], np.empty(0, dtype=object)
-    if given == "near":
-        closure = scene.tape.code(scene.recorded.closure)
-        y, corrections = _newton(tape, own, closure, at["q"], y, whole(steps, "steps"))
-    results = tape.inlined(inner, _arguments(scene, at | {"y": y}))
     samples = _samples(model, own, state, ports)
-    done = lowered(tape.code([*results, *corrections]), samples)
-    count = len(corrections)
-    shown = done.code._replace(outputs=done.code.outputs[: len(done.code.outputs) - count])
+    source = Source(
+        scene.tape.code(scene.recorded.closure), inner, own.q.places, tuple(map(len, scene.inputs.values())),
+        tuple((port.name, port.size) for port in ports), whole(steps, "steps") if given == "near" else 0,
+        tuple(map(tuple, samples.tolist())),
+    )  # fmt: skip
+    done = assembled(source)
     return Program(
-        f"{model.mechanism.name}: {', '.join(asked)}", ports, _output_ports(outputs), shown, done.pivots,
-        done.code.outputs[len(done.code.outputs) - count :], CONVERGED if count else 0.0, tuple(samples[0].tolist()),
+        f"{model.mechanism.name}: {', '.join(asked)}", ports, _output_ports(outputs), done.code, done.pivots,
+        done.corrections, CONVERGED if done.corrections else 0.0, source.samples[0], source,
     )  # fmt: skip
 
 
@@ -191,41 +186,6 @@ def _output_ports(outputs: dict[str, Table]) -> tuple[Port, ...]:
 
 def _places(shape: tuple[int, ...]) -> list[str]:
     return [",".join(map(str, place)) for place in np.ndindex(*shape)]
-
-
-def _split(nodes: Sequence[Node], ports: Sequence[Port]) -> list[Table]:
-    ends = np.cumsum([port.size for port in ports])[:-1]
-    return np.split(np.array(nodes, dtype=object), ends)
-
-
-def _arguments(scene: Scene, at: dict[str, Table]) -> list[Expression]:
-    """Values for the scene's inputs; 0 for those that nothing reads."""
-    x = np.zeros(len(scene.own.near), dtype=object)
-    x[list(scene.own.q.places)], x[list(scene.own.dependent)] = at["q"], at["y"]
-    others = [at.get(name, np.zeros(len(scene.inputs[name]), dtype=object)) for name in "vua"]
-    return [*x, *(entry for each in others for entry in each)]
-
-
-def _newton(tape: Tape, own: Numbering, closure: Code, q: Table, y: Table, steps: int) -> tuple[Table, Table]:
-    """Y after so many Newton steps of φ(q, y) = 0 and one more with the last matrix; that last correction."""
-    alone = Tape(len(own.near))
-    rows = alone.inlined(closure, [*alone.inputs, *[0] * (closure.inputs - len(own.near))])
-    slopes = [alone.derivative(rows, {k: 1}) for k in own.dependent]
-    both = alone.code([*rows, *(entry for row in zip(*slopes, strict=True) for entry in row)])
-    m, correction, matrix = len(rows), y, None
-    for _ in range(steps):
-        values = np.array(tape.inlined(both, _placed(own, q, y)), dtype=object)
-        matrix = values[m:].reshape(m, m)
-        y = y - tape.solve(matrix, values[:m, None])[:, 0]
-    residual = np.array(tape.inlined(alone.code(rows), _placed(own, q, y)), dtype=object)
-    correction = tape.solve(matrix, residual[:, None])[:, 0]
-    return y - correction, correction
-
-
-def _placed(own: Numbering, q: Table, y: Table) -> list[Expression]:
-    x = np.zeros(len(own.near), dtype=object)
-    x[list(own.q.places)], x[list(own.dependent)] = q, y
-    return x.tolist()
 
 
 def _samples(model: ReducedModel, own: Numbering, about: State, ports: Sequence[Port]) -> Array:
