@@ -66,8 +66,20 @@ FORMATS = (
 )
 
 
-class Swept(NamedTuple):
-    """A program over boxes, forwards.
+def evaluated(program: Runnable, inputs: Sequence[FirstOrder]) -> list[FirstOrder]:
+    """The outputs over boxes, without roundings."""
+    sweep = Sweep(program, inputs)
+    sweep.run(program.code.outputs)
+    return [sweep.values[number] for number in program.code.outputs]
+
+
+class Sweep:
+    """A program over boxes, forwards as far as it is asked for, backwards from there.
+
+    Args:
+        program: The program.
+        inputs: What its inputs are in, rows of shape (B,).
+        numbers: The format in which it is computed; none: exactly.
 
     Attributes:
         values: What every value is in, exact, computed, or in between.
@@ -75,144 +87,116 @@ class Swept(NamedTuple):
         reached: Whether every sine is of an angle within reach, of shape (B,).
     """
 
-    values: list[FirstOrder]
-    lost: dict[int, Array]
-    reached: Array
+    def __init__(self, program: Runnable, inputs: Sequence[FirstOrder], numbers: Numbers | None = None) -> None:
+        self._program, self._numbers, self._done = program, numbers, 0
+        self._axes = inputs[0].slopes.shape[-1]
+        self._waves = dict[int, tuple[FirstOrder, FirstOrder]]()
+        self.values: dict[int, FirstOrder] = dict(enumerate(inputs))
+        self.lost = dict[int, Array]()
+        self.reached = np.ones(len(inputs[0].mid), dtype=np.bool_)
 
+    def run(self, wanted: Sequence[int]) -> None:
+        """Go on until these values are there."""
+        code = self._program.code
+        missing = set(wanted) - set(self.values)
+        with np.errstate(all="ignore"):
+            while missing:
+                item = code.instructions[self._done]
+                self._run(item)
+                self._done += 1
+                missing.discard(item.target)
 
-def evaluated(program: Runnable, inputs: Sequence[FirstOrder]) -> list[FirstOrder]:
-    """The outputs over boxes, without roundings."""
-    values = _swept(program, inputs, None, {}).values
-    return [values[number] for number in program.code.outputs]
+    def arriving(self, wanted: Sequence[int], known: Mapping[int, Array]) -> Array:
+        """What is lost by values at most, of shape (wanted, B); of those `known` it is this, whatever they come of."""
+        rows, count = len(self.reached), len(wanted)
+        shares = dict[int, FirstOrder]()
+        for place, number in enumerate(wanted):
+            one = np.zeros((count, rows))
+            one[place] = 1.0
+            _add(shares, number, linear(one, np.zeros((count, rows, self._axes))))
+        total = np.zeros((count, rows))
+        with np.errstate(all="ignore"):
+            for item in reversed(self._program.code.instructions[: self._done]):
+                share = shares.pop(item.target, None)
+                if share is None:
+                    continue
+                lost = known.get(item.target, self.lost[item.target])
+                total = (total + share.size * lost) * _ADDED
+                if item.target not in known:
+                    for operand, part in self._shares(item, share):
+                        _add(shares, operand, part)
+        return total + _LEAST
 
+    def _run(self, item: Instruction) -> None:
+        value = self._value(item)
+        if self._numbers is not None:
+            loss = self._loss(item, value, self._numbers)
+            if item.kind in (SINE, COSINE):
+                self.reached &= self.values[item.a].size <= self._numbers.reach
+            self.lost[item.target] = loss
+            value = value.widened(loss)
+        self.values[item.target] = value
 
-def swept(program: Runnable, inputs: Sequence[FirstOrder], numbers: Numbers, jumps: Mapping[int, Array]) -> Swept:
-    """All values over boxes; `jumps`, by number: how far a value may be from what it is to stand for, besides."""
-    return _swept(program, inputs, numbers, jumps)
+    def _value(self, item: Instruction) -> FirstOrder:
+        kind, a, b, values = item.kind, item.a, item.b, self.values
+        if kind == MULTIPLY:
+            return values[a] * values[b]
+        if kind == ADD:
+            return values[a] + values[b]
+        if kind == SUBTRACT:
+            return values[a] - values[b]
+        if kind in (SCALE, CONSTANT):
+            factor = self._program.factors[item.target]
+            if kind == CONSTANT:
+                return constant(factor.value, factor.off, self._axes)
+            return values[a].scaled(factor.value, factor.off)
+        if kind in (SINE, COSINE):
+            return self._wave(a)[kind == COSINE]
+        return reciprocal(values[a]) if kind == RECIPROCAL else root(values[a])
 
+    def _wave(self, a: int) -> tuple[FirstOrder, FirstOrder]:
+        """Sine and cosine of a value, found once."""
+        if a not in self._waves:
+            self._waves[a] = sine_and_cosine(self.values[a])
+        return self._waves[a]
 
-def _swept(
-    program: Runnable, inputs: Sequence[FirstOrder], numbers: Numbers | None, jumps: Mapping[int, Array]
-) -> Swept:
-    code, axes = program.code, inputs[0].slopes.shape[-1]
-    values: list[FirstOrder] = [*inputs, *[None] * (code.size - len(inputs))]  # type: ignore[list-item]
-    lost, waves = dict[int, Array](), dict[int, tuple[FirstOrder, FirstOrder]]()
-    reached = np.ones(len(inputs[0].mid), dtype=np.bool_)
-    with np.errstate(all="ignore"):
-        for item in code.instructions:
-            value = _value(item, values, program, waves, axes)
-            if numbers is not None:
-                loss = _loss(item, value, values, program, numbers)
-                if item.kind in (SINE, COSINE):
-                    reached &= values[item.a].size <= numbers.reach
-                loss = loss + jumps.get(item.target, 0.0)
-                lost[item.target] = loss
-                value = value.widened(loss)
-            values[item.target] = value
-    return Swept(values, lost, reached)
+    def _loss(self, item: Instruction, value: FirstOrder, numbers: Numbers) -> Array:
+        """Bounds of what an operation loses, of operands as they were computed."""
+        if item.kind in (SINE, COSINE):
+            return np.full_like(value.mid, numbers.sine)
+        if item.kind not in (SCALE, CONSTANT):
+            return np.asarray((numbers.unit * value.size + numbers.least) * _UP)
+        factor = self._program.factors[item.target]
+        off = factor.double if numbers.name == "double" else factor.single
+        if item.kind == CONSTANT:
+            return np.full_like(value.mid, off)
+        size = self.values[item.a].size
+        rounding = 0.0 if factor.exact else numbers.unit * (abs(factor.value) + factor.off + off) * size
+        return np.asarray((off * size + rounding + numbers.least) * _UP)
 
-
-def _value(
-    item: Instruction,
-    values: list[FirstOrder],
-    program: Runnable,
-    waves: dict[int, tuple[FirstOrder, FirstOrder]],
-    axes: int,
-) -> FirstOrder:
-    kind, a, b = item.kind, item.a, item.b
-    if kind == MULTIPLY:
-        return values[a] * values[b]
-    if kind == ADD:
-        return values[a] + values[b]
-    if kind == SUBTRACT:
-        return values[a] - values[b]
-    if kind in (SCALE, CONSTANT):
-        factor = program.factors[item.target]
+    def _shares(self, item: Instruction, share: FirstOrder) -> list[tuple[int, FirstOrder]]:
+        """What of a change of a value is due to its operands."""
+        kind, a, b, values = item.kind, item.a, item.b, self.values
+        if kind == MULTIPLY:
+            return [(a, share * values[b]), (b, share * values[a])]
+        if kind == ADD:
+            return [(a, share), (b, share)]
+        if kind == SUBTRACT:
+            return [(a, share), (b, -share)]
+        if kind == SCALE:
+            factor = self._program.factors[item.target]
+            return [(a, share.scaled(factor.value, factor.off))]
         if kind == CONSTANT:
-            return constant(factor.value, factor.off, axes)
-        return values[a].scaled(factor.value, factor.off)
-    if kind in (SINE, COSINE):
-        return _wave(a, values, waves)[kind == COSINE]
-    return reciprocal(values[a]) if kind == RECIPROCAL else root(values[a])
-
-
-def _wave(
-    a: int, values: list[FirstOrder], waves: dict[int, tuple[FirstOrder, FirstOrder]]
-) -> tuple[FirstOrder, FirstOrder]:
-    """Sine and cosine of a value, found once."""
-    if a not in waves:
-        waves[a] = sine_and_cosine(values[a])
-    return waves[a]
-
-
-def _loss(
-    item: Instruction, value: FirstOrder, values: list[FirstOrder], program: Runnable, numbers: Numbers
-) -> Array:
-    """Bounds of what an operation loses, of operands as they were computed."""
-    if item.kind in (SINE, COSINE):
-        return np.full_like(value.mid, numbers.sine)
-    if item.kind not in (SCALE, CONSTANT):
-        return np.asarray((numbers.unit * value.size + numbers.least) * _UP)
-    factor = program.factors[item.target]
-    off = factor.double if numbers.name == "double" else factor.single
-    if item.kind == CONSTANT:
-        return np.full_like(value.mid, off)
-    size = values[item.a].size
-    rounding = 0.0 if factor.exact else numbers.unit * (abs(factor.value) + factor.off + off) * size
-    return np.asarray((off * size + rounding + numbers.least) * _UP)
-
-
-def arriving(program: Runnable, found: Swept, outputs: Sequence[int]) -> Array:
-    """What is lost by the outputs at most, of shape (outputs, B)."""
-    code, count = program.code, len(outputs)
-    rows, axes = found.reached.shape[0], next(v for v in found.values if v is not None).slopes.shape[-1]
-    shares = dict[int, FirstOrder]()
-    waves = dict[int, tuple[FirstOrder, FirstOrder]]()
-    for place, number in enumerate(outputs):
-        one = np.zeros((count, rows))
-        one[place] = 1.0
-        _add(shares, number, linear(one, np.zeros((count, rows, axes))))
-    total = np.zeros((count, rows))
-    with np.errstate(all="ignore"):
-        for item in reversed(code.instructions):
-            share = shares.pop(item.target, None)
-            if share is None:
-                continue
-            total = (total + share.size * found.lost[item.target]) * _ADDED
-            for operand, part in _shares(item, share, found.values, program, waves):
-                _add(shares, operand, part)
-    return total + _LEAST
+            return []
+        if kind == SINE:
+            return [(a, share * self._wave(a)[1])]
+        if kind == COSINE:
+            return [(a, -(share * self._wave(a)[0]))]
+        own = values[item.target]
+        if kind == RECIPROCAL:
+            return [(a, -(share * (own * own)))]
+        return [(a, (share * reciprocal(own)).scaled(0.5, 0.0))]
 
 
 def _add(shares: dict[int, FirstOrder], number: int, part: FirstOrder) -> None:
     shares[number] = shares[number] + part if number in shares else part
-
-
-def _shares(
-    item: Instruction,
-    share: FirstOrder,
-    values: list[FirstOrder],
-    program: Runnable,
-    waves: dict[int, tuple[FirstOrder, FirstOrder]],
-) -> list[tuple[int, FirstOrder]]:
-    """What of a change of a value is due to its operands."""
-    kind, a, b = item.kind, item.a, item.b
-    if kind == MULTIPLY:
-        return [(a, share * values[b]), (b, share * values[a])]
-    if kind == ADD:
-        return [(a, share), (b, share)]
-    if kind == SUBTRACT:
-        return [(a, share), (b, -share)]
-    if kind == SCALE:
-        factor = program.factors[item.target]
-        return [(a, share.scaled(factor.value, factor.off))]
-    if kind == CONSTANT:
-        return []
-    if kind == SINE:
-        return [(a, share * _wave(a, values, waves)[1])]
-    if kind == COSINE:
-        return [(a, -(share * _wave(a, values, waves)[0]))]
-    own = values[item.target]
-    if kind == RECIPROCAL:
-        return [(a, -(share * (own * own)))]
-    return [(a, (share * reciprocal(own)).scaled(0.5, 0.0))]

@@ -12,7 +12,7 @@ from ccpin.arrays import Array, Indices
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, is_fact, provable, require
 from ccpin.validated.arithmetic.first_order import FirstOrder, linear
 from ccpin.validated.programs.branch_claim import BranchOverCells, Cells, cells_of, tubes
-from ccpin.validated.programs.error_sweeps import FORMATS, arriving, swept
+from ccpin.validated.programs.error_sweeps import FORMATS, Sweep
 from ccpin.validated.programs.program_equations import ProgramEquations
 from ccpin.validated.programs.steps_claim import StepsFindSigma
 
@@ -72,37 +72,56 @@ class ProgramComputed(ProvableClaim):
         Raises:
             NotProvedError: A pivot may vanish, a value may be too large, an angle out of reach.
         """
-        equations, numbers = self.equations, FORMATS[int(self.format[0])]
-        program, made = equations.program, equations.made
-        jumps = dict[int, Array]()
+        equations, made = self.equations, self.equations.made
+        sweep = Sweep(equations.program, self._inputs(premises[0], cells, part), FORMATS[int(self.format[0])])
+        off, correction = dict[int, Array](), np.zeros(1)
         if made.iterates:
-            errors = premises[1].found["errors"][part]
-            start = premises[1].claim.start
-            jumps = {k: errors[:, -1] * (w * _OUT) for k, w in zip(made.iterates[-1], start.tolist(), strict=True)}
-        found = swept(program, self._inputs(premises[0], cells, part), numbers, jumps)
-        require(found.reached, "a sine of an angle out of reach")
-        size = np.zeros(program.code.size)
-        for number, value in enumerate(found.values):
-            if value is not None:
-                size[number] = np.max(value.size)
-        require(size < numbers.largest, "a value that is not bounded, or too large for the format")
-        pivots = [np.min(found.values[pivot.number].least) for pivot in made.pivots]
+            off, correction = self._stepped(sweep, premises, cells, part)
+        sweep.run([item.target for item in equations.program.code.instructions])
+        require(sweep.reached, "a sine of an angle out of reach")
+        size = np.zeros(equations.program.code.size)
+        for number, value in sweep.values.items():
+            size[number] = np.max(value.size)
+        require(size < FORMATS[int(self.format[0])].largest, "a value that is not bounded, or too large for the format")
+        pivots = [np.min(sweep.values[pivot.number].least) for pivot in made.pivots]
         require([pivot > 0.0 for pivot in pivots], "a pivot that may vanish")
-        outputs = program.code.outputs
-        count = len(made.code.outputs)
-        error = arriving(program, found, outputs).max(axis=1)
-        ends = [found.values[number] for number in outputs[:count]]
+        outputs = made.code.outputs
+        error = sweep.arriving(outputs, off).max(axis=1) * _OUT
+        ends = [sweep.values[number] for number in outputs]
         reach = [v.spread + v.size * (_OUT - 1.0) for v in ends]
         lower = np.array([np.min(v.mid - far) for v, far in zip(ends, reach, strict=True)])
         upper = np.array([np.max(v.mid + far) for v, far in zip(ends, reach, strict=True)])
-        correction = np.zeros(1)
-        if made.corrections:
-            exact = (errors[:, -2:].sum(axis=1)[:, None] * start).max(axis=0)
-            correction[0] = np.sqrt(((exact + error[count:]) ** 2).sum()) * _OUT
         return {
-            "error": error[:count] * _OUT, "lower": lower, "upper": upper, "size": size,
+            "error": error, "lower": lower, "upper": upper, "size": size,
             "pivots": np.array(pivots), "correction": correction,
         }  # fmt: skip
+
+    def _stepped(
+        self, sweep: Sweep, premises: tuple[Fact, ...], cells: Cells, part: slice
+    ) -> tuple[dict[int, Array], Array]:
+        """How far computed iterates are from σ at most, by the numbers of their values, and the last correction.
+
+        Raises:
+            NotProvedError: They leave the region in which the steps are known.
+        """
+        branch, steps = premises
+        made, weight, factor = self.equations.made, steps.claim.start, steps.found["factor"][part]
+        far = [np.broadcast_to((self.start / weight).max() * _OUT, factor.shape)]
+        off, radius = dict[int, Array](), np.zeros((len(factor), len(weight)))
+        for place, numbers in enumerate(made.iterates):
+            last, before = place + 1 == len(made.iterates), radius
+            sweep.run(numbers)
+            rounding = sweep.arriving(numbers, dict.fromkeys(off, np.zeros(len(factor)))).T
+            exact = factor * (far[-2] + 0.5 * far[-1] if last else 0.5 * far[-1]) * far[-1]
+            radius = (exact[:, None] * weight + rounding) * _OUT
+            far.append((radius / weight).max(axis=1) * _OUT)
+            require(far[-1] <= 1.0, "computed steps that are not proved to stay near")
+            around = tubes(branch.claim, cells, part, (branch.found["image"][part] + radius) * _OUT, len(self.bounds))
+            off |= dict(zip(numbers, radius.T, strict=True))
+            sweep.values.update(zip(numbers, around[1], strict=True))
+        ends = np.stack([sweep.lost[number] for number in made.iterates[-1]], axis=1)
+        moved = (before + radius + ends).max(axis=0)
+        return off, np.array([np.sqrt((moved**2).sum()) * _OUT])
 
     def _inputs(self, branch: Fact, cells: Cells, part: slice) -> list[FirstOrder]:
         """Q, y and what else is read, as functions of ξ."""

@@ -26,7 +26,8 @@ class StepsFindSigma(ProvableClaim):
     Attributes:
         start: w.
 
-    Found: `errors` (B, steps + 2), e before the first step and after each, and after the one with the last matrix.
+    Found: `errors` (B, steps + 2), e before the first step and after each, and after the one with the last matrix;
+    `factor` (B,), λ/(1 − δ).
     """
 
     equations: ProgramEquations
@@ -48,7 +49,7 @@ class StepsFindSigma(ProvableClaim):
             require(errors[-1] < errors[-2], "a step that is not proved to come nearer")
         errors.append(factor * (errors[-2] + 0.5 * errors[-1]) * errors[-1] * _OUT)
         require(errors[-1] <= 1.0, "a last step that is not proved to stay near")
-        return Examined(np.ones(1, dtype=np.bool_), {"errors": np.stack(errors, axis=1)})
+        return Examined(np.ones(1, dtype=np.bool_), {"errors": np.stack(errors, axis=1), "factor": factor})
 
     def _factor(self, branch: Fact, cells: Cells, part: slice) -> Array:
         """λ/(1 − δ), of shape (B,).
