@@ -70,7 +70,7 @@ def tabled(program: Runnable, inputs: Sequence[FirstOrder], rows: int) -> list[l
 @provable
 @dataclass(frozen=True, eq=False)
 class BranchOverCells(ProvableClaim):
-    """Over each cell of [lower, upper] there is exactly one y with φ = 0 in |y − y_c − S(q − q_c)| ≤ R; together: one σ.
+    """Over each cell there is exactly one y with φ = 0 in |y − y_c − S(q − q_c)| ≤ R, and all together are one σ.
 
     σ is continuous over the box, and φ_y is nonsingular in all of the tubes.
 

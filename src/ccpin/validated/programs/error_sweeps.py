@@ -25,6 +25,7 @@ from ccpin.programs.instructions import (
     Instruction,
 )
 from ccpin.programs.sine_cosine import DOUBLE, FLOAT
+from ccpin.proof.facts import require
 from ccpin.validated.arithmetic.first_order import (
     FirstOrder,
     constant,
@@ -152,6 +153,7 @@ class Sweep:
             return values[a].scaled(factor.value, factor.off)
         if kind in (SINE, COSINE):
             return self._wave(a)[kind == COSINE]
+        require(kind in (RECIPROCAL, ROOT), "an operation that is not bounded here")
         return reciprocal(values[a]) if kind == RECIPROCAL else root(values[a])
 
     def _wave(self, a: int) -> tuple[FirstOrder, FirstOrder]:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError
 from ccpin.programs.program import SMALL_PIVOT, Program
-from ccpin.proof.facts import Fact, is_fact
+from ccpin.proof.facts import Fact, is_fact, prove
 from ccpin.proof.verdict import Judged, Verdict, not_known_of
 from ccpin.validated.programs.branch_claim import BranchOverCells
 from ccpin.validated.programs.error_sweeps import FORMATS
@@ -182,13 +181,16 @@ class ProgramCertificate(Judged):
                 f"{_up(float((self.steps.found['errors'][:, -1:] * self.start).max()))} of σ(q);"
             )
         for name, fact in self._by_format.items():
-            least = float(fact.found["pivots"].min()) if len(fact.found["pivots"]) else math.inf
-            lines.append(f"in {name} it divides by no less than {_down(least)}, no value exceeds "
-                         f"{_up(float(fact.found['size'].max()))}, status is {'0' if self.always_trusted(name) else '0 or 2'},")
+            pivots, size = fact.found["pivots"], float(fact.found["size"].max())
+            least = _down(float(pivots.min(initial=math.inf)))
+            status = "0" if self.always_trusted(name) else "0 or 2"
+            lines.append(
+                f"in {name} it divides by no less than {least}, no value exceeds {_up(size)}, status is {status},"
+            )
             errors = self.error(name)
             told = ", ".join(f"{port.name} {_up(float(errors[port.name].max()))}" for port in self.program.outputs)
             lines.append(f"  outputs are off by at most: {told};")
-        lines.append("inputs being numbers of the format, nothing fused or reordered, sine and cosine the program's own.")
+        lines.append("inputs being numbers of the format, nothing fused or reordered, its own sine and cosine.")
         lines.append(f"program {self.program.digest}")
         return "\n".join(lines)
 
@@ -200,18 +202,10 @@ class ProgramCertificate(Judged):
         """
         if not self.computed:
             return self
-        replayed = [fact.replay() for fact in self.computed]
-        return _sharing(self, replayed)
-
-
-def _sharing(certificate: ProgramCertificate, computed: list[Fact]) -> ProgramCertificate:
-    """A certificate with facts whose premises are those of the first."""
-    from ccpin.proof.facts import prove
-
-    premises = computed[0].premises
-    kept = (computed[0], *(prove(fact.claim, *premises) for fact in computed[1:]))
-    steps: Any = premises[1] if len(premises) > 1 else None
-    return replace(certificate, branch=premises[0], steps=steps, computed=kept)
+        first = self.computed[0].replay()
+        others = (prove(fact.claim, *first.premises) for fact in self.computed[1:])
+        steps = first.premises[1] if len(first.premises) > 1 else None
+        return replace(self, branch=first.premises[0], steps=steps, computed=(first, *others))
 
 
 def _bits(size: float) -> int:

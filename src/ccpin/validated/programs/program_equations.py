@@ -83,13 +83,19 @@ class ProgramEquations:
         require(read.isdisjoint(range(source.sizes[0], source.closure.inputs)), "equations that read more than x")
         for code in (source.closure, source.inner):
             _require_instructions(code)
-        try:
-            made = assembled(source)
-        except (ArithmeticError, ValueError, TypeError, LookupError) as error:
-            raise NotProvedError(f"no program: {error}") from None
-        object.__setattr__(self, "made", made)
+        require(len(self.made.code.outputs) == len(source.inner.outputs), "no program")
 
-    made: Assembled = None  # type: ignore[assignment]
+    @cached_property
+    def made(self) -> Assembled:
+        """The program, put together.
+
+        Raises:
+            NotProvedError: It cannot be.
+        """
+        try:
+            return assembled(self.source)
+        except (ArithmeticError, ValueError, TypeError, LookupError, AttributeError) as error:
+            raise NotProvedError(f"no program: {error}") from None
 
     def __reduce__(self) -> tuple[type[ProgramEquations], tuple[Source]]:
         return ProgramEquations, (self.source,)

@@ -1,4 +1,4 @@
-"""The claim of what a program does over a region: pivots, ranges, errors of rounding. Theorem E of `program_rounding`."""
+"""The claim of a program's pivots, ranges and errors of rounding over a region: Theorem E of `program_rounding`."""
 
 from __future__ import annotations
 
@@ -52,17 +52,17 @@ class ProgramComputed(ProvableClaim):
         require(is_fact(branch, BranchOverCells), "a program's values rest on a branch over cells")
         if stepping:
             steps = premises[1]
-            require(is_fact(steps, StepsFindSigma) and steps.premises[0].claim is branch.claim, "steps of another branch")
-            require(self.start <= steps.claim.start, "y from farther than the steps' ")
+            require(is_fact(steps, StepsFindSigma) and steps.premises[0] is branch, "steps of another branch")
+            require(self.start <= steps.claim.start, "y from farther than the steps start")
         cells = cells_of(branch.claim.lower, branch.claim.upper, branch.claim.counts)
         axes = sum(self.equations.sizes[key] for key in "QYW")
         count = max(1, int(_MEMORY / ((axes + 2) * self.equations.program.code.size)))
         parts = [slice(k, k + count) for k in range(0, len(cells.centre), count)]
         found = [self._over(premises, cells, part) for part in parts]
-        least = {name: np.min([each[name] for each in found], axis=0) for name in ("pivots", "lower")}
-        most = {name: np.max([each[name] for each in found], axis=0) for name in ("error", "upper", "size", "correction")}
-        told = {"pivots": least["pivots"], "range": np.stack([least["lower"], most["upper"]])}
-        told |= {name: most[name] for name in ("error", "size", "correction")}
+        told = {"pivots": np.min([each["pivots"] for each in found], axis=0)}
+        told |= {name: np.max([each[name] for each in found], axis=0) for name in ("error", "size", "correction")}
+        lower, upper = (np.array([each[name] for each in found]) for name in ("lower", "upper"))
+        told["range"] = np.stack([lower.min(axis=0), upper.max(axis=0)])
         require([np.isfinite(numbers).all() for numbers in told.values()], "values that are not bounded")
         return Examined(np.ones(1, dtype=np.bool_), told)
 
