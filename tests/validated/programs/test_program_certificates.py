@@ -89,7 +89,7 @@ def _split(program, numbers):
 
 @pytest.mark.parametrize("name", KNOWN)
 def test_branches_are_those_of_exact_closures(certificates, name):
-    """At random q the closed configuration is in the tube of its cell, to the bound that is proved, and φ is 0 there."""
+    """At random q the closed configuration is in the tube of its cell, to the bound that is proved."""
     certificate = certificates[name, "near"]
     claim, source = certificate.branch.claim, certificate.program.source
     q = states(np.random.default_rng(5), certificate, 20)[0]
