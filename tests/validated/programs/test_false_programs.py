@@ -1,6 +1,6 @@
 """Searches that propose what is not so, and claims and certificates that were forged: none becomes a fact."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -189,7 +189,7 @@ def more(code):
 
 
 FALSE_SOURCES = {
-    "another place of q": lambda s: s._replace(independent=(1,)),
+    "a place beyond x": lambda s: s._replace(independent=(3,)),
     "a place twice": lambda s: s._replace(independent=(0, 0)),
     "fewer equations": lambda s: s._replace(closure=s.closure._replace(outputs=s.closure.outputs[:1])),
     "an output that is not there": lambda s: s._replace(closure=s.closure._replace(outputs=(0, 10**6))),
@@ -214,7 +214,7 @@ def test_false_sources(program, way):
 def test_planted_searches(program, monkeypatch):
     """A search that proposes false tubes or jumps to another branch certifies nothing."""
     made = certifying.proposed_branch
-    for false in ("tubes too narrow", "another middle", "cells in another order"):
+    for false in ("tubes too narrow", "another middle", "slopes of another sign", "no preconditioner"):
         monkeypatch.setattr(certifying, "proposed_branch", lambda *a, false=false: FALSE_BRANCHES[false](made(*a)))
         found = certify_program(program, region(program), bounds={"v": 1.0, "u": 1.0}, max_cells=16)
         assert found.verdict == "undecided", false
@@ -229,4 +229,4 @@ def test_claims_are_of_classes_that_are_known(proved):
 
     claim = proved.branch.claim
     with pytest.raises(NotProvedError, match="no claim"):
-        prove(Mine(**{name: getattr(claim, name) for name in claim.__dataclass_fields__}))
+        prove(Mine(*(getattr(claim, each.name) for each in fields(claim))))

@@ -1,4 +1,4 @@
-"""Claims about y² = q, of which every bound is a formula: tubes, gluing, Newton's steps, what a small program computes."""
+"""Claims about y² = q, of which every bound is a formula: tubes, gluing, Newton's steps, what programs compute."""
 
 import math
 from dataclasses import replace
@@ -42,7 +42,7 @@ def claim(lower=1.0, upper=1.25, cells=1, radius=0.02, steps=0):
 
 def tube_of(made):
     """By the formulas: f, Z on the tube, K and the image, of the first cell."""
-    y, C = made.centre[0, 0], made.preconditioner[0, 0, 0]
+    C = made.preconditioner[0, 0, 0]
     h = (made.upper - made.lower)[0] / made.counts[0] / 2
     S, R = made.slopes[0, 0, 0], made.radius[0, 0]
     f, Z = C * (S * h) ** 2, 2 * C * (S * h + R)
@@ -157,13 +157,22 @@ def test_steps_from_too_far_are_refused():
     made = claim(steps=1)
     branch = prove(made)
     C, Sh, K = made.preconditioner[0, 0, 0], made.slopes[0, 0, 0] * 0.125, branch.found["image"][0, 0]
+    room = 1 / (2 * C) - Sh - K
+
+    def of(factor):
+        """The start with Λ = 2Cw/(1 − 2C(Sh + K + w))."""
+        return room * factor / (1 + factor)
+
     for start, word in (
-        (0.9991 / (2 * C) - Sh - K, "invertible"),
-        (0.75 / (2 * C), "nearer"),
-        (0.45, "stay near"),
+        (room - 0.0009 / (2 * C), "invertible"),
+        (room - 0.0011 / (2 * C), "nearer"),
+        (of(2.0001), "nearer"),
+        (of(1.9999), "stay near"),
+        (of(1.2362), "stay near"),
     ):
         with pytest.raises(NotProvedError, match=word):
             prove(StepsFindSigma(made.equations, np.array([start])), branch)
+    prove(StepsFindSigma(made.equations, np.array([of(1.2359)])), branch)  # ½Λ²(1 + ¼Λ) = 1 at 1.23607
 
 
 def test_weights_scale_steps():
@@ -247,7 +256,7 @@ def test_computed_steps_are_what_their_formulas_say(steps):
         assert found["error"][0] >= exact
         assert found["error"][0] <= (exact + 6 * unit) * 1.5
         assert found["error"][1] >= 2 * found["error"][0]
-        assert found["error"][1] <= 2.001 * (found["error"][0] + unit)
+        assert found["error"][1] <= 2.001 * found["error"][0] + 3 * unit
         last = known.found["errors"][0, -2] * 0.05
         assert last <= found["correction"][0] <= (last + exact + 8 * unit) * 1.5
         assert 2 * 0.9 <= found["pivots"][0] <= 2 * (1.0 - 0.04)

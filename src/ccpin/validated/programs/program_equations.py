@@ -76,7 +76,7 @@ class ProgramEquations:
         due = dict(zip("vua", source.sizes[1:], strict=True)) | {"q": len(source.independent), "y": self.n_y}
         require([due.get(name) == size for name, size in source.ports], "inputs of other sizes")
         require([name for name, _ in source.ports][:2] == ["q", "y"], "inputs in another order")
-        require(sorted(set(source.independent)) == sorted(source.independent), "a place twice")
+        require(len(set(source.independent) & set(range(source.sizes[0]))) == len(source.independent), "a place twice")
         require(len(source.closure.outputs) == self.n_y, "as many equations as numbers that depend")
         require(source.closure.inputs == source.inner.inputs == sum(source.sizes), "programs of other inputs")
         read = {number for item in source.closure.instructions for number in item.operands}
