@@ -45,6 +45,7 @@ WORDS = {
 }  # fmt: skip
 _KINDS = {word: kind for kind, word in WORDS.items()}
 _FORMAT, _VERSION = "ccpin.program", 1
+_NONE = (OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError)  # what reading no program raises
 SMALL_PIVOT = 1e-6  # of its size at the samples: a state at which a solve divides by less is refused
 
 
@@ -219,7 +220,7 @@ def load(path: str | Path) -> Program:
     try:
         document = json.loads(Path(path).read_bytes())
         program = _program_of(document)
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError, ZeroDivisionError) as error:
+    except _NONE as error:
         raise CcpinError(f"{path} is no program of ccpin's: {error}") from None
     if document.get("digest") != program.digest:
         raise CcpinError(f"{path} was changed since it was written: its digest is another")
