@@ -117,7 +117,6 @@ ROOMS: tuple[Room, ...] = (
         ("validated/arithmetic/test_first_order.py",),
         (
             ("positive = (x.mid > 0.0)", "not asked: x.least > 0.0", "what is divided by is then below 0, or 0"),
-            ("x.spread**2 * square / x.least", "left × 0.5", "where it is not above 0"),
         ),
     ),
     Room(
@@ -128,9 +127,11 @@ ROOMS: tuple[Room, ...] = (
             "_LEAST",
             "FORMATS",
             "Sweep.__init__",
+            "Sweep.run",
             "Sweep.arriving",
             "Sweep._run",
             "Sweep._value",
+            "Sweep._wave",
             "Sweep._loss",
             "Sweep._shares",
             "_add",
