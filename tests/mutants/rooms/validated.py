@@ -117,6 +117,9 @@ ROOMS: tuple[Room, ...] = (
         ("validated/arithmetic/test_first_order.py",),
         (
             ("positive = (x.mid > 0.0)", "not asked: x.least > 0.0", "what is divided by is then below 0, or 0"),
+            ("positive = (x.mid > 0.0)", "0 let in", "what is divided by 0 is ∞ too"),
+            ("bend = np.where(x.least > 0.0", "0 let in", "what is divided by 0 is ∞ too"),
+            ("np.where(positive, x.mid, 1.0)", "1 ×", "where nothing is rooted the radius is ∞"),
         ),
     ),
     Room(

@@ -93,7 +93,7 @@ def reciprocal(x: FirstOrder) -> FirstOrder:
     square = inverse * inverse
     with np.errstate(all="ignore"):
         bend = np.where(x.least > 0.0, x.spread**2 * square / x.least, np.inf)
-    rad = x.rad * square + bend + 8 * _UNIT * (np.abs(inverse) + x.spread * square)
+    rad = x.rad * square + bend + 8 * _UNIT * np.abs(inverse)  # spread < |m|, or it is ∞
     return FirstOrder(inverse, -x.slopes * square[..., None], rad * _OUT + _LEAST)
 
 
@@ -104,8 +104,8 @@ def root(x: FirstOrder) -> FirstOrder:
         middle = np.sqrt(np.where(positive, x.mid, 1.0))
         bend = np.where(positive, x.spread**2 / (8 * x.least * np.sqrt(x.least)), np.inf)
     slope = 0.5 / middle
-    rad = x.rad * slope + bend + 8 * _UNIT * (middle + x.spread * slope)
-    return FirstOrder(middle, x.slopes * slope[..., None], rad * _OUT + _LEAST)
+    rad = x.rad * slope + bend + 8 * _UNIT * middle  # spread < m, or it is ∞
+    return FirstOrder(middle, x.slopes * slope[..., None], rad * _OUT)
 
 
 def sine_and_cosine(angle: FirstOrder) -> tuple[FirstOrder, FirstOrder]:

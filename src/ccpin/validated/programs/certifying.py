@@ -43,7 +43,7 @@ def certify_program(
         region: Lower and upper numbers of q, each of shape (n,).
         bounds: Of the absolute values of the other inputs, by name: `{"v": …, "u": …}`, of their shapes, or one number.
         start: How far y may be from σ(q), by entry or one number: default 1e-6 where y is given closed; with steps the
-            largest of 0.02, 0.01, … for which they are proved to be enough.
+            largest of 0.02, 0.01, … for which they are proved to be enough, with status 0 if that can be proved.
         formats: `"double"`, `"float"`, or both.
         max_cells: Into how many cells the box of q is cut at most.
 
@@ -113,6 +113,7 @@ class _Search:
         except NotProvedError as error:
             self._stopped = str(error)
             return None
+        found: ProgramCertificate | None = None
         for start in starts:
             try:
                 premises, steps = [branch], None
@@ -123,10 +124,13 @@ class _Search:
             except NotProvedError as error:
                 self._stopped = str(error)
                 continue
-            return ProgramCertificate(
+            made = ProgramCertificate(
                 self._program, self._lower, self._upper, self._bounds, branch, steps, computed, start=start
             )
-        return None
+            if made.always_trusted(self._formats[0]):
+                return made
+            found = made
+        return found
 
     def _computed(self, name: str, start: Array, premises: Sequence[Fact]) -> Fact:
         number = np.array([[each.name for each in FORMATS].index(name)])
