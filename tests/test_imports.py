@@ -188,7 +188,7 @@ FACES = (
     "ccpin.gym",
     *(module for module, path in MODULES.items() if path.name == "__init__.py"),
 )
-MOST_PUBLIC = 160
+MOST_PUBLIC = 175
 
 
 def test_public_names_exist():

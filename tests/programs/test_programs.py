@@ -12,7 +12,6 @@ from ccpin import programs
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.programs.evaluation import gain
-from ccpin.programs.recording.recorded_model import numbering
 from tests.support.long_cases import later
 from tests.support.paper import GOAL, K_P, K_V
 from tests.support.recorded import MECHANISMS
@@ -22,8 +21,7 @@ MODELS = later("rpdr", "planar_3rrr", "slider_crank", "four_bar", "sarrus", "del
 
 def states(model, count=6, seed=0, spread=0.1):
     """Closed states near the reference with velocities, and the numbers q and y of each."""
-    rng, own = np.random.default_rng(seed), numbering(model, model.mechanism.q_reference)
-    found = []
+    rng, found = np.random.default_rng(seed), []
     while len(found) < count:
         q = model.coordinates.integrate(
             model.alpha(model.mechanism.q_reference), spread * rng.uniform(-1.0, 1.0, model.n)
@@ -32,9 +30,9 @@ def states(model, count=6, seed=0, spread=0.1):
             state = model.at(q)
         except CcpinError:
             continue
-        x = own.numbers(state.q_free)
-        numbers = {"q": x[list(own.q.places)], "y": x[list(own.dependent)]}
-        found.append((state, numbers, rng.normal(size=model.n), rng.normal(size=model.n_actuated)))
+        found.append(
+            (state, programs.configuration(state), rng.normal(size=model.n), rng.normal(size=model.n_actuated))
+        )
     return found
 
 
@@ -164,7 +162,7 @@ def test_a_saved_program_is_the_same_and_needs_numpy_alone(rpdr_model, tmp_path)
     program = programs.record(rpdr_model, ("sigma", "forward_dynamics"), given="near")
     path = tmp_path / "rpdr.json"
     program.save(path)
-    again = programs.load(path)
+    again = programs.Program.load(path)
     assert again.digest == program.digest
     assert repr(again) == repr(program)
     ((_, numbers, v, u),) = states(rpdr_model, 1)
@@ -172,7 +170,7 @@ def test_a_saved_program_is_the_same_and_needs_numpy_alone(rpdr_model, tmp_path)
         again(**numbers, v=v, u=u)["forward_dynamics"], program(**numbers, v=v, u=u)["forward_dynamics"]
     )
     script = (
-        "import sys; from ccpin import programs; p = programs.load(sys.argv[1]); "
+        "import sys; from ccpin import programs; p = programs.Program.load(sys.argv[1]); "
         "print(p.name, [m for m in ('pinocchio', 'scipy', 'ccpin.kinematics.tree') if m in sys.modules])"
     )
     told = subprocess.run([sys.executable, "-c", script, path], capture_output=True, text=True, check=True).stdout
@@ -195,9 +193,9 @@ def test_damaged_programs_are_refused(rpdr_model, tmp_path):
     ):
         path.write_text(change(text))
         with pytest.raises(CcpinError, match=r"program|changed"):
-            programs.load(path)
+            programs.Program.load(path)
     with pytest.raises(CcpinError):
-        programs.load(tmp_path / "no such file.json")
+        programs.Program.load(tmp_path / "no such file.json")
 
 
 def test_it_prints_as_mathematics(rpdr_model):
@@ -236,7 +234,7 @@ def test_programs_cannot_be_written_to(rpdr_model):
 
 
 def test_a_balls_spring_has_its_function_and_derivatives():
-    """g(w) = 2 arccos(w)/√(1 − w²) and its derivatives beside Gauss's series, on both sides of where ours takes over."""
+    """g(w) = 2 arccos(w)/√(1 − w²) and its derivatives beside Gauss's series, where ours takes over and elsewhere."""
     flint = pytest.importorskip("flint")
     for w in (-0.9, -0.2, 0.3, 0.499, 0.5, 0.7, 0.999, 1.0):
         for order in range(4):

@@ -195,9 +195,25 @@ class Program:
         return "\n".join(lines)
 
     def save(self, path: str | Path) -> None:
-        """Write it as JSON, with its digest; `ccpin.programs.load` reads it with NumPy alone."""
+        """Write it as JSON, with its digest; `load` reads it again."""
         text = json.dumps(self._document() | {"digest": self.digest})
         write_atomically(path, "w", lambda file: file.write(text))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Program:
+        """A program that `save` wrote; NumPy alone runs it.
+
+        Raises:
+            CcpinError: The file is none, is damaged, or of a later version.
+        """
+        try:
+            document = json.loads(Path(path).read_bytes())
+            program = _program_of(document)
+        except _NONE as error:
+            raise CcpinError(f"{path} is no program of ccpin's: {error}") from None
+        if document.get("digest") != program.digest:
+            raise CcpinError(f"{path} was changed since it was written: its digest is another")
+        return program
 
     def _document(self) -> dict[str, Any]:
         return {
@@ -209,22 +225,6 @@ class Program:
             "corrections": list(self.corrections), "tolerance": self.tolerance.hex(),
             "example": [value.hex() for value in self.example],
         }  # fmt: skip
-
-
-def load(path: str | Path) -> Program:
-    """A program that `Program.save` wrote.
-
-    Raises:
-        CcpinError: The file is none, is damaged, or of a later version.
-    """
-    try:
-        document = json.loads(Path(path).read_bytes())
-        program = _program_of(document)
-    except _NONE as error:
-        raise CcpinError(f"{path} is no program of ccpin's: {error}") from None
-    if document.get("digest") != program.digest:
-        raise CcpinError(f"{path} was changed since it was written: its digest is another")
-    return program
 
 
 def _program_of(document: Any) -> Program:

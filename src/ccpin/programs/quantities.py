@@ -20,7 +20,7 @@ from ccpin.programs.recording.recorded_tree import Table, exact, exact_placement
 from ccpin.programs.tape import Tape
 
 
-class Scene(NamedTuple):
+class TapedModel(NamedTuple):
     """A model on a tape, and what quantities are recorded from.
 
     Attributes:
@@ -53,22 +53,22 @@ class Quantity(NamedTuple):
 
     unit: str
     needs: tuple[str, ...]
-    record: Callable[[Scene], Table]
+    record: Callable[[TapedModel], Table]
 
 
-def scene_of(
+def taped_model(
     model: ReducedModel, own: Numbering, near: Any, law: ControlLaw | None, points: dict[str, EndEffector]
-) -> Scene:
+) -> TapedModel:
     """A fresh tape with a model on it."""
     sizes = {"x": len(own.near), "v": model.n, "u": model.n_actuated, "a": model.n}
     tape = Tape(sum(sizes.values()))
     ends = np.cumsum(list(sizes.values()))[:-1]
     x, v, u, a = np.split(np.array(tape.inputs, dtype=object), ends)
     recorded = recorded_model(tape, model, own, (x, v), near)
-    return Scene(tape, model, own, recorded, {"x": x, "v": v, "u": u, "a": a}, law, points)
+    return TapedModel(tape, model, own, recorded, {"x": x, "v": v, "u": u, "a": a}, law, points)
 
 
-def forward(scene: Scene) -> Table:
+def forward(scene: TapedModel) -> Table:
     """q̈ = D⁻¹(ρᵀSᵀu − C q̇ − damping q̇ − g) (22)."""
     terms = scene.recorded.terms
     across, u = transmission(scene.model, scene.recorded.motion.rho), scene.inputs["u"]
@@ -76,30 +76,30 @@ def forward(scene: Scene) -> Table:
     return scene.tape.solve(terms.mass, (force - terms.bias)[:, None])[:, 0]
 
 
-def generalized_force(scene: Scene) -> Table:
+def generalized_force(scene: TapedModel) -> Table:
     """τ = D q̈ + C q̇ + damping q̇ + g (22)."""
     return scene.recorded.terms.mass @ scene.inputs["a"] + scene.recorded.terms.bias
 
 
-def inverse(scene: Scene) -> Table:
+def inverse(scene: TapedModel) -> Table:
     """The u of least norm with ρᵀSᵀu = τ."""
     return efforts(scene.tape, transmission(scene.model, scene.recorded.motion.rho), generalized_force(scene))
 
 
-def _mass_inverse(scene: Scene) -> Table:
+def _mass_inverse(scene: TapedModel) -> Table:
     return scene.tape.solve(scene.recorded.terms.mass, np.eye(scene.model.n, dtype=object))
 
 
-def _energy(scene: Scene) -> Table:
+def _energy(scene: TapedModel) -> Table:
     return np.array([scene.recorded.terms.kinetic, scene.recorded.terms.potential], dtype=object)
 
 
-def _velocity_force(scene: Scene) -> Table:
+def _velocity_force(scene: TapedModel) -> Table:
     """C q̇ + damping q̇."""
     return scene.recorded.terms.bias - scene.recorded.terms.gravity
 
 
-def _damping(scene: Scene) -> Table:
+def _damping(scene: TapedModel) -> Table:
     """ρᵀB′ρ."""
     stated = [
         rational(joint.stated.damping) for joint in scene.model.mechanism.tree.joints for _ in range(joint.kind.nv)
@@ -108,7 +108,7 @@ def _damping(scene: Scene) -> Table:
     return rho.T @ (np.array(stated, dtype=object)[:, None] * rho)
 
 
-def _coriolis(scene: Scene) -> Table:
+def _coriolis(scene: TapedModel) -> Table:
     """C = ½ ∂(C q̇)/∂q̇: of Christoffel symbols, which are symmetric, so that Ḋ − 2C is skew (Lemma III.1).
 
     Raises:
@@ -119,7 +119,7 @@ def _coriolis(scene: Scene) -> Table:
     return (along(scene, _velocity_force(scene), "v") - _damping(scene)) * rational(0.5)
 
 
-def along(scene: Scene, entries: Table, by: str) -> Table:
+def along(scene: TapedModel, entries: Table, by: str) -> Table:
     """∂(entries)/∂(input), of the entries' shape and one more axis; by "q" along tangent steps, y moving with them."""
     if by == "q":
         ways = [dict(enumerate(column)) for column in (scene.recorded.rates @ scene.recorded.motion.rho).T]
@@ -129,14 +129,14 @@ def along(scene: Scene, entries: Table, by: str) -> Table:
     return np.array(columns, dtype=object).reshape(len(ways), *entries.shape).transpose(*range(1, entries.ndim + 1), 0)
 
 
-def _torque(scene: Scene) -> Table:
+def _torque(scene: TapedModel) -> Table:
     """u of the law."""
     terms, own, x = scene.recorded.terms, scene.own, scene.inputs["x"]
     does = law_terms(scene.tape, scene.law, own.q, (x, scene.inputs["v"]), terms, own.near)
     return efforts(scene.tape, transmission(scene.model, scene.recorded.motion.rho), does.force)
 
 
-def _lyapunov(scene: Scene) -> Table:
+def _lyapunov(scene: TapedModel) -> Table:
     """𝒱 + V(q_d) with the law's own g(q_d)."""
     terms, own, x = scene.recorded.terms, scene.own, scene.inputs["x"]
     does = law_terms(scene.tape, scene.law, own.q, (x, scene.inputs["v"]), terms, own.near)
@@ -145,7 +145,7 @@ def _lyapunov(scene: Scene) -> Table:
     return np.array([does.lyapunov], dtype=object)
 
 
-def pose_of(scene: Scene, end: EndEffector) -> Table:
+def pose_of(scene: TapedModel, end: EndEffector) -> Table:
     """The link's axes at the point, 4×4, in the world."""
     attached = scene.model.mechanism.tree.attachments[end.link]
     placed = scene.recorded.frames[attached.joint] @ exact_placement(attached.placement)
@@ -153,14 +153,14 @@ def pose_of(scene: Scene, end: EndEffector) -> Table:
     return placed
 
 
-def jacobian_of(scene: Scene, pose: Table) -> Table:
+def jacobian_of(scene: TapedModel, pose: Table) -> Table:
     """J with twist (linear, angular) = J q̇ in world axes, of shape (6, n)."""
     rates = along(scene, pose[:3], "q")
     turned = np.einsum("ijk,lj->ilk", rates[:, :3], pose[:3, :3])
     return np.vstack([rates[:, 3], turned[2, 1], turned[0, 2], turned[1, 0]])
 
 
-def _sigma(scene: Scene) -> Table:
+def _sigma(scene: TapedModel) -> Table:
     return scene.inputs["x"][list(scene.own.dependent)]
 
 

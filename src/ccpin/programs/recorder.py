@@ -16,7 +16,7 @@ from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.programs.assembly import Source, assembled
 from ccpin.programs.instructions import Code
 from ccpin.programs.program import Port, Program
-from ccpin.programs.quantities import QUANTITIES, Scene, along, jacobian_of, pose_of, scene_of
+from ccpin.programs.quantities import QUANTITIES, TapedModel, along, jacobian_of, pose_of, taped_model
 from ccpin.programs.recording.recorded_model import Numbering, numbering
 from ccpin.programs.recording.recorded_tree import Table
 
@@ -66,7 +66,7 @@ def record(
     reference = model.mechanism.q_reference
     state = model.at(model.alpha(reference), reference) if near is None else model.at(near)
     own = numbering(model, state.q_free)
-    scene = scene_of(model, own, state.q_free, law, ends)
+    scene = taped_model(model, own, state.q_free, law, ends)
     outputs = _outputs(scene, asked, tuple(derivatives))
     inner = scene.tape.code([entry for table in outputs.values() for entry in table.ravel()])
     ports = _input_ports(scene, _inputs_read(scene, inner))
@@ -81,6 +81,22 @@ def record(
         f"{model.mechanism.name}: {', '.join(asked)}", ports, _output_ports(outputs), done.code, done.pivots,
         done.corrections, CONVERGED if done.corrections else 0.0, source.samples[0], source,
     )  # fmt: skip
+
+
+def configuration(state: State, near: State | None = None) -> dict[str, Array]:
+    """The numbers q and y of a State as programs take them, by the names of their inputs.
+
+    Args:
+        state: A State.
+        near: The State that a program was recorded about, default the reference: angles are counted in its turn.
+    """
+    model = instance(state, "state", State).model
+    own = numbering(model, model.mechanism.q_reference if near is None else near.q_free)
+    return dict(zip(("q", "y"), _halves(own, own.numbers(state.q_free)), strict=True))
+
+
+def _halves(own: Numbering, x: Array) -> tuple[Array, Array]:
+    return x[list(own.q.places)], x[list(own.dependent)]
 
 
 def _require_known(
@@ -110,7 +126,7 @@ def _require_known(
         instance(end, f"points[{name!r}]", EndEffector)
 
 
-def _outputs(scene: Scene, asked: tuple[str, ...], derivatives: tuple[str, ...]) -> dict[str, Table]:
+def _outputs(scene: TapedModel, asked: tuple[str, ...], derivatives: tuple[str, ...]) -> dict[str, Table]:
     """Tables of expressions by the names of their outputs."""
     found = dict[str, Table]()
     for name in asked:
@@ -126,13 +142,13 @@ def _outputs(scene: Scene, asked: tuple[str, ...], derivatives: tuple[str, ...])
     return found
 
 
-def _inputs_read(scene: Scene, code: Code) -> set[str]:
+def _inputs_read(scene: TapedModel, code: Code) -> set[str]:
     """Which of v, u, a an output depends on."""
     used = {number for item in code.instructions for number in item.operands} | set(code.outputs)
     return {name for name, nodes in scene.inputs.items() if used & {node.index for node in nodes}}
 
 
-def _input_ports(scene: Scene, reads: set[str]) -> tuple[Port, ...]:
+def _input_ports(scene: TapedModel, reads: set[str]) -> tuple[Port, ...]:
     """q and y, and what else is read."""
     numbers = _names(scene)
     own, model = scene.own, scene.model
@@ -160,7 +176,7 @@ def _spread(names: list[tuple[str, str]], size: int) -> list[str]:
     return plain if len(plain) == size else [str(k) for k in range(size)]
 
 
-def _names(scene: Scene) -> list[tuple[str, str]]:
+def _names(scene: TapedModel) -> list[tuple[str, str]]:
     """A name and a unit of every number of x."""
     found = list[tuple[str, str]]()
     tree = scene.model.mechanism.tree
@@ -203,6 +219,5 @@ def _samples(model: ReducedModel, own: Numbering, about: State, ports: Sequence[
 
 
 def _sample(own: Numbering, state: State, ports: Sequence[Port], rng: np.random.Generator) -> Array:
-    x = own.numbers(state.q_free)
-    known = {"q": x[list(own.q.places)], "y": x[list(own.dependent)]}
+    known = dict(zip(("q", "y"), _halves(own, own.numbers(state.q_free)), strict=True))
     return np.concatenate([known[p.name] if p.name in known else rng.uniform(-1.0, 1.0, p.size) for p in ports])

@@ -340,12 +340,11 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "validated/model/closed_loop",
-        ("recorded_loop", "_upright", "_freely_moved", "_independent_rows", "_sprung", "_unit_lengths"),
+        ("recorded_loop", "_upright", "_freely_moved"),
         _RECORDED,
         (
             ("if told is not None and not told.idle", "not asked: not", "asks for more than is needed"),
             ("if told is not None and not told.idle", "not asked: told", "a law that says nothing is refused before"),
-            ("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),
         ),
     ),
     Room(
@@ -359,6 +358,12 @@ ROOMS: tuple[Room, ...] = (
         (*_RECORDED, _RANDOM),
     ),
     Room("validated/model/configurations", ("on_manifold", "unwound", "configuration"), (*_RECORDED, _RANDOM)),
+    Room(
+        "programs/recording/recorded_model",
+        ("Numbering.dependent", "numbering", "recorded_model", "_independent_rows", "_sprung", "_unit_lengths"),
+        _RECORDED,
+        (("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),),
+    ),
     Room("programs/folding", ("folded",), (*_RECORDED, *_PROGRAMS)),
     Room(
         "programs/recording/ball_joints",

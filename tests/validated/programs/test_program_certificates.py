@@ -171,4 +171,4 @@ def test_wrong_arguments_of_regions(certificates, tmp_path):
             certify_program(program, region, bounds=bounds, **more)
     program.save(tmp_path / "p.json")
     with pytest.raises(InvalidInputError, match="loaded"):
-        certify_program(programs.load(tmp_path / "p.json"), box, bounds=good)
+        certify_program(programs.Program.load(tmp_path / "p.json"), box, bounds=good)
