@@ -47,7 +47,8 @@ def test_formats_are_those_of_ieee(numbers):
 
 
 def test_formats_are_two():
-    assert [each.largest for each in FORMATS] == [2.0**1000, 2.0**120]
+    told = [(each.unit, each.least, each.largest) for each in FORMATS]
+    assert told == [(2.0**-53, 2.0**-1022, 2.0**1000), (2.0**-24, 2.0**-126, 2.0**120)]
 
 
 @pytest.mark.parametrize("numbers", FORMATS, ids=lambda numbers: numbers.name)
@@ -114,9 +115,9 @@ def test_what_is_lost_early_arrives_times_the_derivative(name):
 def test_sums_of_losses_are_rounded_up():
     sweep, code = swept(lambda t, x, y: [x * y], FORMATS[0], X, Y)
     found = sweep.arriving(code.outputs, {code.outputs[0]: np.ones(1)})[0, 0]
-    assert 1.0 + 2.0**-50 <= found <= 1.0 + 2.0**-41
+    assert found == (1.0 + 2.0**-43) * (1.0 + 2.0**-50)
     assert sweep.arriving(code.outputs, {code.outputs[0]: np.zeros(1)})[0, 0] == 1e-290
-    assert sweep.lost[code.outputs[0]][0] == pytest.approx(2.0**-53 * X * Y * (1 + 2.0**-40), rel=2.0**-41)
+    assert sweep.lost[code.outputs[0]][0] == pytest.approx(2.0**-53 * X * Y * (1 + 2.0**-40), rel=2.0**-41, abs=0)
 
 
 def test_inputs_lose_nothing():
