@@ -1,7 +1,7 @@
 """How a program is put together of what was recorded: σ's Newton steps, then what is evaluated at their end, no solves.
 
-What a program is made of is data (`Source`), so that whoever has it can put the same program together and knows which
-of its values are what.
+What a program is made of is data (`ProgramSource`), so that whoever has it can put the same program together and knows
+which of its values are what.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ccpin.programs.tape import Expression, Tape
 Table = Any  # an array of expressions
 
 
-class Source(NamedTuple):
+class ProgramSource(NamedTuple):
     """What a program is made of.
 
     Attributes:
@@ -60,7 +60,7 @@ class Assembled(NamedTuple):
     corrections: tuple[int, ...]
 
 
-def assembled(source: Source) -> Assembled:
+def assembled(source: ProgramSource) -> Assembled:
     """The program of a source."""
     tape = Tape(sum(size for _, size in source.ports))
     ends = np.cumsum([size for _, size in source.ports])[:-1]
@@ -95,7 +95,7 @@ def bend_of(closure: Code, columns: tuple[int, ...]) -> Code:
     return tape.code(tape.derivative([entry for row in zip(*table, strict=True) for entry in row], way))
 
 
-def _newton(tape: Tape, source: Source, q: Table, y: Table) -> tuple[list[Table], Table]:
+def _newton(tape: Tape, source: ProgramSource, q: Table, y: Table) -> tuple[list[Table], Table]:
     """Y after each of so many Newton steps of φ(q, y) = 0 and after one more with the last matrix; its correction."""
     slopes = slopes_of(source.closure, source.dependent)
     m, found, matrix, correction = len(y), list[Table](), None, y
@@ -110,7 +110,7 @@ def _newton(tape: Tape, source: Source, q: Table, y: Table) -> tuple[list[Table]
     return found, correction
 
 
-def _placed(source: Source, q: Table, y: Table) -> list[Expression]:
+def _placed(source: ProgramSource, q: Table, y: Table) -> list[Expression]:
     x = np.zeros(source.sizes[0], dtype=object)
     x[list(source.independent)], x[list(source.dependent)] = q, y
     return x.tolist()

@@ -37,7 +37,7 @@ from ccpin.programs.instructions import (
 from ccpin.programs.lowering import Pivot
 
 if TYPE_CHECKING:
-    from ccpin.programs.assembly import Source
+    from ccpin.programs.assembly import ProgramSource
 
 WORDS = {
     CONSTANT: "constant", ADD: "add", SUBTRACT: "subtract", MULTIPLY: "multiply", SCALE: "scale", SINE: "sine",
@@ -116,7 +116,7 @@ class Program:
     corrections: tuple[int, ...] = ()
     tolerance: float = 0.0
     example: tuple[float, ...] = ()
-    source: Source | None = None
+    source: ProgramSource | None = None
 
     def __call__(self, **inputs: ArrayLike) -> Answer:
         """The outputs at inputs of the ports' shapes, or of many at once along a first axis more."""

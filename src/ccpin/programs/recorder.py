@@ -13,7 +13,7 @@ from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.programs.assembly import Source, assembled
+from ccpin.programs.assembly import ProgramSource, assembled
 from ccpin.programs.instructions import Code
 from ccpin.programs.program import Port, Program
 from ccpin.programs.quantities import QUANTITIES, TapedModel, along, jacobian_of, pose_of, taped_model
@@ -71,8 +71,9 @@ def record(
     inner = scene.tape.code([entry for table in outputs.values() for entry in table.ravel()])
     ports = _input_ports(scene, _inputs_read(scene, inner))
     samples = _samples(model, own, state, ports)
-    source = Source(
-        scene.tape.code(scene.recorded.closure), inner, own.q.places, tuple(map(len, scene.inputs.values())),
+    source = ProgramSource(
+        scene.tape.code(scene.recorded.closure), inner, own.q.places,
+        (len(own.near), model.n, model.n_actuated, model.n),
         tuple((port.name, port.size) for port in ports), whole(steps, "steps") if given == "near" else 0,
         tuple(map(tuple, samples.tolist())),
     )  # fmt: skip

@@ -11,7 +11,7 @@ from ccpin.programs.sine_cosine import DOUBLE, FLOAT
 from ccpin.programs.tape import Tape
 from ccpin.proof.facts import NotProvedError
 from ccpin.validated.arithmetic.first_order import linear
-from ccpin.validated.programs.error_sweeps import FORMATS, Sweep, evaluated
+from ccpin.validated.programs.error_sweeps import FORMATS, ErrorSweep, evaluated
 from ccpin.validated.programs.program_equations import runnable
 
 pytest.importorskip("flint")
@@ -31,7 +31,7 @@ def swept(build, numbers, *values):
     tape = Tape(len(values))
     outputs = build(tape, *tape.inputs)
     code = tape.code(outputs)
-    sweep = Sweep(runnable(code), point(*values), numbers)
+    sweep = ErrorSweep(runnable(code), point(*values), numbers)
     sweep.run(code.outputs)
     return sweep, code
 
@@ -175,7 +175,7 @@ def test_what_is_not_bounded_is_refused():
 def test_constants_alone():
     """A program of a constant, and one that adds one."""
     code = Code(3, 1, (Instruction(CONSTANT, 1, constant=THIRD), Instruction(1 + CONSTANT, 2, 0, 1)), (1, 2))
-    sweep = Sweep(runnable(code), point(X), FORMATS[0])
+    sweep = ErrorSweep(runnable(code), point(X), FORMATS[0])
     sweep.run(code.outputs)
     off = float(abs(Fraction(1 / 3) - THIRD))
     assert sweep.lost[1][0] == pytest.approx(off, rel=1e-9)

@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from ccpin.programs.assembly import Source
+from ccpin.programs.assembly import ProgramSource
 from ccpin.programs.tape import Tape
 from ccpin.proof.facts import NotProvedError, prove
 from ccpin.validated.programs.branch_claim import BranchOverCells, cells_of
@@ -26,7 +26,7 @@ def root_source(steps=0):
     closure = tape.code([y * y - q])
     inner = tape.code([y, y * v, tape.reciprocal(y)])
     samples = tuple((1.0 + 0.1 * k, math.sqrt(1.0 + 0.1 * k), 0.5) for k in range(4))
-    return Source(closure, inner, (0,), (2, 1, 0, 0), (("q", 1), ("y", 1), ("v", 1)), steps, samples)
+    return ProgramSource(closure, inner, (0,), (2, 1, 0, 0), (("q", 1), ("y", 1), ("v", 1)), steps, samples)
 
 
 def claim(lower=1.0, upper=1.25, cells=1, radius=0.02, steps=0):
@@ -182,7 +182,7 @@ def test_weights_scale_steps():
     closure, inner = tape.code([y * y - q, z - y * z * Fraction(1, 10) - q]), tape.code([z * v])
     ys = [(1.0 + 0.1 * k, math.sqrt(1.0 + 0.1 * k)) for k in range(4)]
     samples = tuple((a, b, a / (1 - b / 10), 0.5) for a, b in ys)
-    source = Source(closure, inner, (0,), (3, 1, 0, 0), (("q", 1), ("y", 2), ("v", 1)), 1, samples)
+    source = ProgramSource(closure, inner, (0,), (3, 1, 0, 0), (("q", 1), ("y", 2), ("v", 1)), 1, samples)
     equations = ProgramEquations(source)
     a, b = 1.01, math.sqrt(1.01)
     z = a / (1 - b / 10)

@@ -8,7 +8,7 @@ cannot be had is no number or ∞, which no comparison takes for small.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,7 +44,7 @@ class FirstOrder(NamedTuple):
         """Lower bounds of |x|, below 0 where x may vanish."""
         return np.asarray(np.abs(self.mid) * (2.0 - _OUT) - self.spread * _OUT)
 
-    def __add__(self, other: FirstOrder) -> FirstOrder:
+    def __add__(self, other: Any) -> FirstOrder:
         rounding = 2 * _UNIT * (self.size + other.size)
         return FirstOrder(
             self.mid + other.mid, self.slopes + other.slopes, (self.rad + other.rad + rounding) * _OUT + _LEAST
@@ -56,7 +56,7 @@ class FirstOrder(NamedTuple):
     def __neg__(self) -> FirstOrder:
         return FirstOrder(-self.mid, -self.slopes, self.rad)
 
-    def __mul__(self, other: FirstOrder) -> FirstOrder:
+    def __mul__(self, other: Any) -> FirstOrder:
         """(m + l)(m′ + l′) = m m′ + m l′ + m′ l + l l′, what has no slope below in size."""
         mine, yours = self.mid[..., None], other.mid[..., None]
         rad = np.abs(self.mid) * other.rad + np.abs(other.mid) * self.rad + self.spread * other.spread
@@ -71,10 +71,6 @@ class FirstOrder(NamedTuple):
     def widened(self, by: Array) -> FirstOrder:
         """All functions at most so far from these."""
         return self._replace(rad=(self.rad + by) * _OUT)
-
-    def at(self, index: object) -> FirstOrder:
-        """A part of the arrays."""
-        return FirstOrder(*(part[index] for part in self))  # type: ignore[index]
 
 
 def linear(mid: Array, slopes: Array) -> FirstOrder:

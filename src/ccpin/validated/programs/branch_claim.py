@@ -19,7 +19,7 @@ _OUT = 1.0 + 2.0**-40  # on bounds made of some hundred sums and products of dou
 CELLS = 256  # at a time: bounds memory
 
 
-class Cells(NamedTuple):
+class GridCells(NamedTuple):
     """Cells of a box of q.
 
     Attributes:
@@ -32,7 +32,7 @@ class Cells(NamedTuple):
     edges: tuple[Array, ...]
 
 
-def cells_of(lower: Array, upper: Array, counts: Indices) -> Cells:
+def cells_of(lower: Array, upper: Array, counts: Indices) -> GridCells:
     """A box cut into so many cells along each axis, the last axis fastest."""
     edges = []
     for least, most, count in zip(lower.tolist(), upper.tolist(), counts.tolist(), strict=True):
@@ -45,7 +45,7 @@ def cells_of(lower: Array, upper: Array, counts: Indices) -> Cells:
         for each, c in zip(edges, centres, strict=True)
     ]
     centre, half = (np.stack([x.ravel() for x in np.meshgrid(*part, indexing="ij")], 1) for part in (centres, halves))
-    return Cells(centre, half, tuple(edges))
+    return GridCells(centre, half, tuple(edges))
 
 
 def placed(equations: ProgramEquations, q: Sequence[FirstOrder], y: Sequence[FirstOrder]) -> list[FirstOrder]:
@@ -103,7 +103,7 @@ class BranchOverCells(ProvableClaim):
         require(self._joined(cells, image), "cells that are not proved to carry the same branch")
         return Examined(np.ones(1, dtype=np.bool_), {"image": image})
 
-    def _image(self, cells: Cells, part: slice) -> Array:
+    def _image(self, cells: GridCells, part: slice) -> Array:
         """|CG(q, 0)| + |I − Cφ_y| R.
 
         Raises:
@@ -121,7 +121,7 @@ class BranchOverCells(ProvableClaim):
         require(image < radius, "a cell without a solution that is proved")
         return np.asarray((off + np.einsum("bij,bj->bi", turned, image)) * _OUT)
 
-    def _joined(self, cells: Cells, image: Array) -> bool:
+    def _joined(self, cells: GridCells, image: Array) -> bool:
         """Whether σ of each cell is that of the next, on the face between them."""
         shape, n = self.counts.tolist(), len(self.lower)
         numbers = np.arange(len(image)).reshape(shape)
@@ -145,14 +145,14 @@ class BranchOverCells(ProvableClaim):
                 return False
         return True
 
-    def _reach(self, cell: Indices, face: Array, cells: Cells) -> Array:
+    def _reach(self, cell: Indices, face: Array, cells: GridCells) -> Array:
         """Σ|S|(|f| + |q_c| + h): above all sizes in the difference."""
         across = np.abs(face) + np.abs(cells.centre[cell]) + cells.half[cell]
         return np.asarray((np.abs(self.slopes[cell]) * across[:, None, :]).sum(axis=2))
 
 
 def tubes(
-    claim: BranchOverCells, cells: Cells, part: slice, radius: Array, axes: int = 0
+    claim: BranchOverCells, cells: GridCells, part: slice, radius: Array, axes: int = 0
 ) -> tuple[list[FirstOrder], list[FirstOrder]]:
     """Q and y over cells: q = q_c + hξ, |y − y_c − S(q − q_c)| ≤ radius, as functions of (ξ_q, ξ_y, …)."""
     n, m = len(claim.lower), radius.shape[1]

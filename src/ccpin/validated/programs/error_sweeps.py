@@ -69,12 +69,12 @@ FORMATS = (
 
 def evaluated(program: Runnable, inputs: Sequence[FirstOrder]) -> list[FirstOrder]:
     """The outputs over boxes, without roundings."""
-    sweep = Sweep(program, inputs)
+    sweep = ErrorSweep(program, inputs)
     sweep.run(program.code.outputs)
     return [sweep.values[number] for number in program.code.outputs]
 
 
-class Sweep:
+class ErrorSweep:
     """A program over boxes, forwards as far as it is asked for, backwards from there.
 
     Args:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ccpin.programs.assembly import Assembled, Source, assembled, bend_of, slopes_of
+from ccpin.programs.assembly import Assembled, ProgramSource, assembled, bend_of, slopes_of
 from ccpin.programs.evaluation import value_of
 from ccpin.programs.folding import Arithmetic, folded
 from ccpin.programs.instructions import ANGLE, CONSTANT, COSINE, GAIN, MULTIPLY, SCALE, SINE, Code
@@ -26,7 +26,7 @@ from ccpin.validated.arithmetic.balls import ball, flint, upper
 PRECISION = 128  # bits, in which constants are enclosed
 
 
-class Factor(NamedTuple):
+class EnclosedConstant(NamedTuple):
     """A constant of a program.
 
     Attributes:
@@ -51,7 +51,7 @@ class Runnable(NamedTuple):
     """
 
     code: Code
-    factors: Mapping[int, Factor]
+    factors: Mapping[int, EnclosedConstant]
 
 
 @known
@@ -63,11 +63,11 @@ class ProgramEquations:
         source: What both are made of.
     """
 
-    source: Source
+    source: ProgramSource
 
     def __post_init__(self) -> None:
         source = self.source
-        require(type(source) is Source, "no source of a program")
+        require(type(source) is ProgramSource, "no source of a program")
         require([type(code) is Code for code in (source.closure, source.inner)], "no instructions")
         sizes = (*source.sizes, source.steps, *source.independent, *(size for _, size in source.ports))
         require([type(k) is int and k >= 0 for k in sizes], "sizes and places that are none")
@@ -97,7 +97,7 @@ class ProgramEquations:
         except (ArithmeticError, ValueError, TypeError, LookupError, AttributeError) as error:
             raise NotProvedError(f"no program: {error}") from None
 
-    def __reduce__(self) -> tuple[type[ProgramEquations], tuple[Source]]:
+    def __reduce__(self) -> tuple[type[ProgramEquations], tuple[ProgramSource]]:
         return ProgramEquations, (self.source,)
 
     @property
@@ -164,14 +164,14 @@ def runnable(code: Code) -> Runnable:
         exact = folded(code, Arithmetic(ball, arb.sqrt, lambda a: 1 / a, arb.atan2))
         compiled = folded(code, Arithmetic(lambda value: value, math.sqrt, lambda a: 1 / a, math.atan2))
         plain = _numpy_constants(code)
-        factors = dict[int, Factor]()
+        factors = dict[int, EnclosedConstant]()
         for item, told in zip(exact.instructions, compiled.instructions, strict=True):
             if item.kind in (CONSTANT, SCALE):
                 factors[item.target] = _factor(item.constant, float(told.constant), plain.get(item.target))
     return Runnable(exact, factors)
 
 
-def _factor(constant: Any, compiled: float, plain: float | None) -> Factor:
+def _factor(constant: Any, compiled: float, plain: float | None) -> EnclosedConstant:
     """A constant of which a compiled program and NumPy have doubles."""
     value = float(constant.mid())
     doubles = [compiled] if plain is None else [compiled, plain]
@@ -179,7 +179,7 @@ def _factor(constant: Any, compiled: float, plain: float | None) -> Factor:
         _distance(constant, numbers) for numbers in ([value], doubles, [float(np.float32(compiled))])
     )
     power = off == 0.0 and double == 0.0 and abs(math.frexp(value)[0]) == 0.5
-    return Factor(value, off, double, single, power)
+    return EnclosedConstant(value, off, double, single, power)
 
 
 def _distance(constant: Any, numbers: Iterable[float]) -> float:
@@ -190,13 +190,13 @@ def _distance(constant: Any, numbers: Iterable[float]) -> float:
 
 def _numpy_constants(code: Code) -> dict[int, float]:
     """What NumPy has for constants, and for factors of products with one."""
-    values, found = dict[int, Any](), dict[int, float]()
+    values, found = list[Any]([None] * code.size), dict[int, float]()
     for item in code.instructions:
-        if item.kind == CONSTANT or (item.operands and all(number in values for number in item.operands)):
+        if item.kind == CONSTANT or (item.operands and all(values[number] is not None for number in item.operands)):
             values[item.target] = value_of(item, values, np)
             found[item.target] = float(values[item.target])
         elif item.kind == SCALE:
             found[item.target] = float(item.constant)
-        elif item.kind == MULTIPLY and (item.a in values or item.b in values):
-            found[item.target] = float(values[item.a if item.a in values else item.b])
+        elif item.kind == MULTIPLY and (values[item.a] is not None or values[item.b] is not None):
+            found[item.target] = float(values[item.a if values[item.a] is not None else item.b])
     return found

@@ -33,7 +33,7 @@ def proposed_branch(equations: ProgramEquations, lower: Array, upper: Array, cel
         x[list(source.independent)], x[list(source.dependent)] = q.T, y.T
         values = values_of(code, list(x), np)
         table = np.stack([np.broadcast_to(values[k], (rows,)) for k in code.outputs], axis=1)
-        return table.reshape(rows, m, columns)
+        return np.asarray(table.reshape(rows, m, columns), dtype=np.float64)
 
     with np.errstate(all="ignore"):
         for t in np.linspace(0.0, 1.0, _WALK + 1)[1:]:
@@ -53,6 +53,6 @@ def proposed_branch(equations: ProgramEquations, lower: Array, upper: Array, cel
 def _solved(matrix: Array, right: Array) -> Array:
     """A⁻¹B; no numbers where A is singular."""
     try:
-        return np.linalg.solve(matrix, right)
+        return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
     except np.linalg.LinAlgError:
         return np.full_like(right, np.nan)

@@ -11,8 +11,8 @@ import numpy as np
 from ccpin.arrays import Array, Indices
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, is_fact, provable, require
 from ccpin.validated.arithmetic.first_order import FirstOrder, linear
-from ccpin.validated.programs.branch_claim import BranchOverCells, Cells, cells_of, tubes
-from ccpin.validated.programs.error_sweeps import FORMATS, Sweep
+from ccpin.validated.programs.branch_claim import BranchOverCells, GridCells, cells_of, tubes
+from ccpin.validated.programs.error_sweeps import FORMATS, ErrorSweep
 from ccpin.validated.programs.program_equations import ProgramEquations
 from ccpin.validated.programs.steps_claim import StepsFindSigma
 
@@ -66,14 +66,14 @@ class ProgramComputed(ProvableClaim):
         require([np.isfinite(numbers).all() for numbers in told.values()], "values that are not bounded")
         return Examined(np.ones(1, dtype=np.bool_), told)
 
-    def _over(self, premises: tuple[Fact, ...], cells: Cells, part: slice) -> Mapping[str, Array]:
+    def _over(self, premises: tuple[Fact, ...], cells: GridCells, part: slice) -> Mapping[str, Array]:
         """What is found over some cells.
 
         Raises:
             NotProvedError: A pivot may vanish, a value may be too large, an angle out of reach.
         """
         equations, made = self.equations, self.equations.made
-        sweep = Sweep(equations.program, self._inputs(premises[0], cells, part), FORMATS[int(self.format[0])])
+        sweep = ErrorSweep(equations.program, self._inputs(premises[0], cells, part), FORMATS[int(self.format[0])])
         off, correction = dict[int, Array](), np.zeros(1)
         if made.iterates:
             off, correction = self._stepped(sweep, premises, cells, part)
@@ -97,7 +97,7 @@ class ProgramComputed(ProvableClaim):
         }  # fmt: skip
 
     def _stepped(
-        self, sweep: Sweep, premises: tuple[Fact, ...], cells: Cells, part: slice
+        self, sweep: ErrorSweep, premises: tuple[Fact, ...], cells: GridCells, part: slice
     ) -> tuple[dict[int, Array], Array]:
         """How far computed iterates are from σ at most, by the numbers of their values, and the last correction.
 
@@ -123,7 +123,7 @@ class ProgramComputed(ProvableClaim):
         moved = (before + radius + ends).max(axis=0)
         return off, np.array([np.sqrt((moved**2).sum()) * _OUT])
 
-    def _inputs(self, branch: Fact, cells: Cells, part: slice) -> list[FirstOrder]:
+    def _inputs(self, branch: Fact, cells: GridCells, part: slice) -> list[FirstOrder]:
         """Q, y and what else is read, as functions of ξ."""
         radius = (branch.found["image"][part] + self.start) * _OUT
         count = len(self.bounds)

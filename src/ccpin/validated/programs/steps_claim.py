@@ -10,7 +10,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, is_fact, provable, require
 from ccpin.validated.arithmetic.first_order import linear, preconditioned
-from ccpin.validated.programs.branch_claim import CELLS, BranchOverCells, Cells, cells_of, placed, tabled, tubes
+from ccpin.validated.programs.branch_claim import CELLS, BranchOverCells, GridCells, cells_of, placed, tabled, tubes
 from ccpin.validated.programs.program_equations import ProgramEquations
 
 _OUT = 1.0 + 2.0**-40  # on bounds made of some hundred sums and products of doubles that are not negative
@@ -51,7 +51,7 @@ class StepsFindSigma(ProvableClaim):
         require(errors[-1] <= 1.0, "a last step that is not proved to stay near")
         return Examined(np.ones(1, dtype=np.bool_), {"errors": np.stack(errors, axis=1), "factor": factor})
 
-    def _factor(self, branch: Fact, cells: Cells, part: slice) -> Array:
+    def _factor(self, branch: Fact, cells: GridCells, part: slice) -> Array:
         """λ/(1 − δ), of shape (B,).
 
         Raises:
