@@ -11,6 +11,7 @@ from ccpin.programs.sine_cosine import DOUBLE, FLOAT
 from ccpin.programs.tape import Tape
 from ccpin.proof.facts import NotProvedError
 from ccpin.validated.arithmetic.first_order import linear
+from ccpin.validated.programs import error_sweeps
 from ccpin.validated.programs.error_sweeps import FORMATS, ErrorSweep, evaluated
 from ccpin.validated.programs.program_equations import runnable
 
@@ -47,7 +48,7 @@ def test_formats_are_those_of_ieee(numbers):
 
 
 def test_formats_are_two():
-    told = [(each.unit, each.least, each.largest) for each in FORMATS]
+    told = [(each.unit, each.least, each.largest) for each in error_sweeps.FORMATS]
     assert told == [(2.0**-53, 2.0**-1022, 2.0**1000), (2.0**-24, 2.0**-126, 2.0**120)]
 
 
