@@ -7,6 +7,7 @@ from ccpin.studio.server import Studio
 from ccpin.visualization.live import Viewer
 from tests.support.browser import chromium
 from tests.support.documents import PAGES, alike, blocks, needs, run
+from tests.support.exported import compiler
 
 KNOWN = {"python", "console", "sh", "text", "xml", "yaml", "toml", "cpp"}
 
@@ -42,6 +43,8 @@ def test_a_page_runs(page):
     for package in needs(page):
         if package == "chromium":
             chromium()
+        elif package == "gcc":
+            compiler()
         else:
             pytest.importorskip(package, reason=f"the page's code needs {package}")
     run(page)

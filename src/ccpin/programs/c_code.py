@@ -11,6 +11,9 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
+from ccpin.errors import CcpinError
 from ccpin.programs.evaluation import gain_series
 from ccpin.programs.folding import Arithmetic, folded
 from ccpin.programs.instructions import (
@@ -59,7 +62,7 @@ def identifier(text: str) -> str:
 
 def kernel_of(program: Program, name: str, precision: Precision = DOUBLE, size: int = PIECE) -> Text:
     """The arithmetic of a program over a type R, with a mask I of a comparison's type, in pieces of a size."""
-    code = folded(program.code, _DOUBLES)
+    code = folded(program.code, DOUBLES)
     pieces = [code.instructions[k : k + size] for k in range(0, len(code.instructions), size)] or [()]
     writer = _Writer(program, code, name, precision)
     slots = _slots(pieces, code, program)
@@ -71,7 +74,7 @@ def kernel_of(program: Program, name: str, precision: Precision = DOUBLE, size: 
     )
 
 
-_DOUBLES = Arithmetic(lambda value: value, math.sqrt, lambda a: 1 / a, math.atan2)
+DOUBLES = Arithmetic(lambda value: value, math.sqrt, lambda a: 1 / a, math.atan2)
 
 
 class _Slots(NamedTuple):
@@ -154,7 +157,10 @@ class _Writer:
             return []
         names = [f"t{pair[kind]}" if kind in pair else f"unused{angle}" for kind in (SINE, COSINE)]
         call = f"{self._name}_sincos({self._operand(angle)}, &{names[0]}, &{names[1]});"
-        return [f"R {names[0]}, {names[1]};", call, *(f"(void){name};" for name in names if name.startswith("unused"))]
+        reach = self._literal(self._precision.reach**2)
+        within = f"ok &= ABOVE({reach}, {self._operand(angle)} * {self._operand(angle)});"
+        unused = [f"(void){name};" for name in names if name.startswith("unused")]
+        return [f"R {names[0]}, {names[1]};", call, *unused, within]
 
     def kernel(self, pieces: int, slots: _Slots) -> str:
         """All pieces, and the outputs; the mask is of rows to be trusted, `large` of those whose pivots were large."""
@@ -196,8 +202,21 @@ class _Writer:
         return self._literal(self._constants[number]) if number in self._constants else f"t{number}"
 
     def _literal(self, value: object) -> str:
-        text = f"{float(value)!r}{self._precision.suffix}"  # type: ignore[arg-type]
-        return f"({text})" if text.startswith("-") else text
+        return literal(float(value), self._precision)  # type: ignore[arg-type]
+
+
+def literal(value: float, precision: Precision) -> str:
+    """A number as C has it, rounded to the format; the negative in brackets.
+
+    Raises:
+        CcpinError: It is too large for the format.
+    """
+    with np.errstate(over="ignore"):
+        held = precision.type(value)
+    if not np.isfinite(held):
+        raise CcpinError(f"a constant of the program, {value:g}, is no number of the format {precision.name}")
+    text = f"{held!s}{precision.suffix}"
+    return f"({text})" if text.startswith("-") else text
 
 
 def _function(head: str, lines: Sequence[str]) -> str:
@@ -207,21 +226,21 @@ def _function(head: str, lines: Sequence[str]) -> str:
 def _trigonometry(name: str, precision: Precision) -> str:
     """Sine and cosine, as `sine_cosine` has them."""
 
-    def literal(value: float) -> str:
-        return f"({value!r}{precision.suffix})"
+    def number(value: float) -> str:
+        return literal(value, precision)
 
     def horner(coefficients: Sequence[float]) -> str:
-        text = literal(coefficients[-1])
+        text = number(coefficients[-1])
         for coefficient in reversed(coefficients[:-1]):
-            text = f"({literal(coefficient)} + z * {text})"
+            text = f"({number(coefficient)} + z * {text})"
         return text
 
-    big, one, half = literal(precision.rounder), literal(1.0), literal(0.5)
+    big, one, half = number(precision.rounder), number(1.0), number(0.5)
     bits = 62 if precision.name == "double" else 30
-    first, second, third = map(literal, precision.parts)
+    first, second, third = map(number, precision.parts)
     return f"""static inline void {name}_sincos(R x, R *sine, R *cosine)
 {{
-    const R near = x * {literal(2.0 / math.pi)} + {big};
+    const R near = x * {number(2.0 / math.pi)} + {big};
     const R k = near - {big};
     const R r = ((x - k * {first}) - k * {second}) - k * {third};
     const R z = r * r;
@@ -233,10 +252,10 @@ def _trigonometry(name: str, precision: Precision) -> str:
     *sine = (R)(first ^ ((n & 2) << {bits}));
     *cosine = (R)(second ^ (((n + 1) & 2) << {bits}));
 #else
-    const R h = k * {half}, w = k * {literal(0.25)};
+    const R h = k * {half}, w = k * {number(0.25)};
     const R e = h - ((h + {big}) - {big}), f = w - ((w + {big}) - {big});
     const R b = e + e;
-    const R a = ({one} - b * b) * ({one} - {literal(8.0)} * (f * f));
+    const R a = ({one} - b * b) * ({one} - {number(8.0)} * (f * f));
     *sine = s * a + c * b;
     *cosine = c * a - s * b;
 #endif
@@ -245,10 +264,11 @@ def _trigonometry(name: str, precision: Precision) -> str:
 
 def _gain(name: str, order: int, precision: Precision) -> str:
     """A derivative of g(w) = 2 arccos(w)/√(1 − w²): of each lane by itself."""
-    terms = ", ".join(f"{value!r}{precision.suffix}" for value in gain_series(order)[:40])
+    series = gain_series(order)
+    terms = ", ".join(literal(value, precision) for value in series)
     return f"""static inline R {name}_gain{order}(R w)
 {{
-    static const S terms[40] = {{{terms}}};
+    static const S terms[{len(series)}] = {{{terms}}};
     R found = CONSTANT(0);
     for (int lane = 0; lane < LANES; lane++) {{
         const S at = LANE(w, lane);
@@ -265,7 +285,7 @@ def _gain(name: str, order: int, precision: Precision) -> str:
             (void)next;
         }} else {{
             const S z = (1 - at) / 2;
-            for (int k = 39; k >= 0; k--) {{ g = g * z + terms[k]; }}
+            for (int k = {len(series) - 1}; k >= 0; k--) {{ g = g * z + terms[k]; }}
         }}
         LANE(found, lane) = g;
     }}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import platform
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -116,6 +116,16 @@ class CompiledProgram:
         self._fill(flat, found, status, threads)
         shaped = (f.reshape(rows, *port.shape) for f, port in zip(found, self.program.outputs, strict=True))
         return (*shaped, status)
+
+    def bound(
+        self, inputs: list[NDArray[Any]], outputs: list[NDArray[Any]], status: NDArray[Any]
+    ) -> Callable[[], None]:
+        """What runs it over one row of contiguous arrays of the ports' shapes, which it reads and writes each time."""
+        tables = [*inputs, *outputs]
+        places = (ctypes.c_void_p * max(len(tables), 1))(*(table.ctypes.data for table in tables))
+        steps = (ctypes.c_long * max(2 * len(tables), 1))(*([0, 1] * len(tables)))
+        arguments = (ctypes.c_long(1), places, steps, ctypes.c_void_p(status.ctypes.data))
+        return lambda: self._run(*arguments)
 
     def _fill(
         self, inputs: list[NDArray[Any]], outputs: list[NDArray[Any]], status: NDArray[Any], threads: int
