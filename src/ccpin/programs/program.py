@@ -101,7 +101,8 @@ class Program:
         pivots: Values that solves divide by.
         corrections: Numbers of the last corrections of σ's Newton steps (none where q′ is given closed), and the square
             of their length above which they had not converged.
-        example: Inputs at which it was recorded, by name.
+        example: Inputs at which it was recorded, in the order of the numbers.
+        around: Inputs at closed states about it, alike.
     """
 
     name: str
@@ -112,6 +113,7 @@ class Program:
     corrections: tuple[int, ...] = ()
     tolerance: float = 0.0
     example: tuple[float, ...] = ()
+    around: tuple[tuple[float, ...], ...] = ()
 
     def __call__(self, **inputs: ArrayLike) -> Answer:
         """The outputs at inputs of the ports' shapes, or of many at once along a first axis more."""
@@ -191,8 +193,12 @@ class Program:
 
     def save(self, path: str | Path) -> None:
         """Write it as JSON, with its digest; `load` reads it again."""
-        text = json.dumps(self._document() | {"digest": self.digest})
-        write_atomically(path, "w", lambda file: file.write(text))
+        write_atomically(path, "w", lambda file: file.write(self.text))
+
+    @property
+    def text(self) -> str:
+        """The JSON that `save` writes."""
+        return json.dumps(self._document() | {"digest": self.digest})
 
     @classmethod
     def load(cls, path: str | Path) -> Program:
@@ -219,6 +225,7 @@ class Program:
             "pivots": [[pivot.number, pivot.scale.hex()] for pivot in self.pivots],
             "corrections": list(self.corrections), "tolerance": self.tolerance.hex(),
             "example": [value.hex() for value in self.example],
+            "around": [[value.hex() for value in row] for row in self.around],
         }  # fmt: skip
 
 
@@ -248,8 +255,9 @@ def _program_of(document: Any) -> Program:
         raise ValueError("its outputs are not there")
     code = Code(size, count, tuple(instructions), results)
     example = tuple(map(float.fromhex, document["example"]))
+    around = tuple(tuple(map(float.fromhex, row)) for row in document["around"])
     tolerance = float.fromhex(document["tolerance"])
-    return Program(str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example)
+    return Program(str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example, around)
 
 
 def _port_of(entry: Any) -> Port:
