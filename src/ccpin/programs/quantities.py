@@ -5,7 +5,7 @@ Every quantity is a function of the numbers x of a closed configuration, and of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from ccpin.control.control_law import ControlLaw
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
+from ccpin.programs.recording.constants import Constants, Parameter
 from ccpin.programs.recording.recorded_laws import efforts, law_terms, transmission
 from ccpin.programs.recording.recorded_model import Numbering, RecordedModel, recorded_model
 from ccpin.programs.recording.recorded_tree import Table, exact, exact_placement, rational
@@ -28,9 +29,10 @@ class TapedModel(NamedTuple):
         model: The model.
         own: The numbers x.
         recorded: The model's closures and dynamics.
-        inputs: x, v = q̇, u and a = q̈, each of shape (n_x,), (n,) or (motors,).
+        inputs: x, v = q̇, u and a = q̈, each of shape (n_x,), (n,) or (motors,), and parameters p.
         law: The law, where one is recorded.
         points: Points of links, by the names of their outputs.
+        constants: The constants, some of them parameters.
     """
 
     tape: Tape
@@ -40,6 +42,7 @@ class TapedModel(NamedTuple):
     inputs: dict[str, Table]
     law: ControlLaw | None
     points: dict[str, EndEffector]
+    constants: Constants
 
 
 class Quantity(NamedTuple):
@@ -57,15 +60,21 @@ class Quantity(NamedTuple):
 
 
 def taped_model(
-    model: ReducedModel, own: Numbering, near: Any, law: ControlLaw | None, points: dict[str, EndEffector]
+    model: ReducedModel,
+    own: Numbering,
+    near: Any,
+    law: ControlLaw | None,
+    points: dict[str, EndEffector],
+    parameters: Sequence[Parameter] = (),
 ) -> TapedModel:
     """A fresh tape with a model on it."""
-    sizes = {"x": len(own.near), "v": model.n, "u": model.n_actuated, "a": model.n}
+    sizes = {"x": len(own.near), "v": model.n, "u": model.n_actuated, "a": model.n, "p": len(parameters)}
     tape = Tape(sum(sizes.values()))
     ends = np.cumsum(list(sizes.values()))[:-1]
-    x, v, u, a = np.split(np.array(tape.inputs, dtype=object), ends)
-    recorded = recorded_model(tape, model, own, (x, v), near)
-    return TapedModel(tape, model, own, recorded, {"x": x, "v": v, "u": u, "a": a}, law, points)
+    inputs = dict(zip(sizes, np.split(np.array(tape.inputs, dtype=object), ends), strict=True))
+    constants = Constants(model, dict(zip(parameters, inputs["p"], strict=True)))
+    recorded = recorded_model(tape, model, own, (inputs["x"], inputs["v"]), near, constants)
+    return TapedModel(tape, model, own, recorded, inputs, law, points, constants)
 
 
 def forward(scene: TapedModel) -> Table:
@@ -86,6 +95,12 @@ def inverse(scene: TapedModel) -> Table:
     return efforts(scene.tape, transmission(scene.model, scene.recorded.motion.rho), generalized_force(scene))
 
 
+def _rho_dot(scene: TapedModel) -> Table:
+    """ρ̇ along q̇."""
+    rho, way = scene.recorded.motion.rho, dict(enumerate(scene.recorded.motion.x_rate))
+    return np.array(scene.tape.derivative(rho.ravel().tolist(), way, held=False), dtype=object).reshape(rho.shape)
+
+
 def _mass_inverse(scene: TapedModel) -> Table:
     return scene.tape.solve(scene.recorded.terms.mass, np.eye(scene.model.n, dtype=object))
 
@@ -101,9 +116,7 @@ def _velocity_force(scene: TapedModel) -> Table:
 
 def _damping(scene: TapedModel) -> Table:
     """ρᵀB′ρ."""
-    stated = [
-        rational(joint.stated.damping) for joint in scene.model.mechanism.tree.joints for _ in range(joint.kind.nv)
-    ]
+    stated = [scene.constants.damping(joint) for joint in scene.own.joints for _ in range(joint.kind.nv)]
     rho = scene.recorded.motion.rho
     return rho.T @ (np.array(stated, dtype=object)[:, None] * rho)
 
@@ -168,6 +181,7 @@ QUANTITIES = {
     "sigma": Quantity("", (), _sigma),
     "closure": Quantity("", (), lambda scene: np.array(scene.recorded.closure, dtype=object)),
     "rho": Quantity("", (), lambda scene: scene.recorded.motion.rho),
+    "rho_dot": Quantity("", ("v",), _rho_dot),
     "v_free": Quantity("", ("v",), lambda scene: scene.recorded.motion.v_free),
     "bias": Quantity("", ("v",), lambda scene: scene.recorded.motion.bias),
     "x_rate": Quantity("", ("v",), lambda scene: scene.recorded.motion.x_rate),

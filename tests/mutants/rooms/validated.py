@@ -215,6 +215,7 @@ ROOMS: tuple[Room, ...] = (
             "rates",
             "closure_rows",
             "_coupling_row",
+            "_own_ends",
             "_loop_rows",
             "_SNAP",
         ),
@@ -255,7 +256,7 @@ ROOMS: tuple[Room, ...] = (
     Room("validated/model/configurations", ("on_manifold", "unwound", "configuration"), (*_RECORDED, _RANDOM)),
     Room(
         "programs/recording/recorded_model",
-        ("Numbering.dependent", "numbering", "recorded_model", "_independent_rows", "_sprung", "_unit_lengths"),
+        ("Numbering.dependent", "numbering", "recorded_model", "_independent_rows", "_unit_lengths"),
         _RECORDED,
         (("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),),
     ),
