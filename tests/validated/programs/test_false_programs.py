@@ -194,6 +194,8 @@ FALSE_SOURCES = {
     "fewer equations": lambda s: s._replace(closure=s.closure._replace(outputs=s.closure.outputs[:1])),
     "an output that is not there": lambda s: s._replace(closure=s.closure._replace(outputs=(0, 10**6))),
     "equations that read more": lambda s: s._replace(closure=more(s.closure)),
+    "equations that are an input": lambda s: s._replace(closure=s.closure._replace(outputs=(s.closure.outputs[0], 3))),
+    "sizes of too few": lambda s: s._replace(sizes=s.sizes[:4]),
     "a list": lambda s: s._replace(closure=s.closure._replace(instructions=list(s.closure.instructions))),
     "a value twice": lambda s: s._replace(
         closure=s.closure._replace(instructions=(*s.closure.instructions, s.closure.instructions[0]))

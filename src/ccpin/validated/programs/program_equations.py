@@ -81,6 +81,7 @@ class ProgramEquations:
         require(len(source.closure.outputs) == self.n_y, "as many equations as numbers that depend")
         require(source.closure.inputs == source.inner.inputs == sum(source.sizes), "programs of other inputs")
         read = {number for item in source.closure.instructions for number in item.operands}
+        read |= set(source.closure.outputs)
         require(read.isdisjoint(range(source.sizes[0], source.closure.inputs)), "equations that read more than x")
         for code in (source.closure, source.inner):
             _require_instructions(code)
