@@ -17,6 +17,7 @@ PARTS = (
     "models",
     "families",
     "batches",
+    "lanes",
     "memory",
     "simulated",
     "accuracy",

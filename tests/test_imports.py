@@ -185,10 +185,9 @@ def test_what_scripts_use_is_public():
 
 FACES = (
     "ccpin.errors",
-    "ccpin.gym",
     *(module for module, path in MODULES.items() if path.name == "__init__.py"),
 )
-MOST_PUBLIC = 160
+MOST_PUBLIC = 175
 
 
 def test_public_names_exist():

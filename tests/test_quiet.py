@@ -76,6 +76,7 @@ def test_the_font_list_would_be_told_of(tmp_path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", later("spawn", "fork"))
 def test_workers(tmp_path, start):
     """Processes that made models of their own end without a word, however they were started."""

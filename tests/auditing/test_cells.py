@@ -120,6 +120,7 @@ def legs(tmp_path_factory):
     return atlas, path
 
 
+@pytest.mark.slow
 def test_cells_emptied_by_theorem_e_are_proved(legs):
     """All of a 3-RRR's."""
     atlas, path = legs

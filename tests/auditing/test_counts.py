@@ -38,6 +38,7 @@ def row_of(read, cell):
     return int(np.flatnonzero(read.counts.cells.number == cell)[0])
 
 
+@pytest.mark.slow
 def test_sheets_are_audited(sheets, tmp_path):
     """Boxes, the faces said to be glued, cells that are empty, singular and counted; wrong faces are found."""
     found, path = sheets
@@ -123,6 +124,7 @@ def test_boxes_that_are_none_are_refused(sheets, tmp_path):
         reading.read(changed(sheets[1], tmp_path, plant))
 
 
+@pytest.mark.slow
 def test_counts_of_cells_that_have_other_numbers_are_found(sheets, tmp_path, monkeypatch):
     """Cells that hold a fold, and empty ones, said to hold two; and two, said to be empty."""
     monkeypatch.setattr(empty_cells, "_BUDGET", 1000)

@@ -184,6 +184,7 @@ def test_a_missing_curve_is_found(region, tmp_path, monkeypatch):
         assert not cover.proved(int(crossed[0]))
 
 
+@pytest.mark.slow
 def test_merged_covers_are_proved_and_a_missing_curve_is_found(tmp_path, monkeypatch):
     """Four quarters, the fold across both seams: proved whole; without the fold the parts that it crosses are not."""
     monkeypatch.setattr(exclusion, "_BUDGET", 4000)

@@ -38,6 +38,7 @@ def failing(path):
     return [k for k in range(len(read.centre)) if not demands.met(own, read, k, 3)]
 
 
+@pytest.mark.slow
 def test_true_demands_are_proved(workspace):
     atlas, path = workspace
     audit = verify(path, sample=2)

@@ -364,6 +364,7 @@ def test_shares_are_those_of_the_cells(atlas, sheets):
         assert f"{100 * found.empty_fraction:.6g} % empty" in claim
 
 
+@pytest.mark.slow
 def test_no_more_is_looked_at_where_enough_is_not_proved(atlas, tmp_path):
     """So that a document made to take time takes a bounded one; two processes say what one does."""
 

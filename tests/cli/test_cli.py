@@ -169,8 +169,22 @@ def test_simulate_point_to_point(capsys, tmp_path):
     ("arguments", "goal", "scale", "unit", "band"),
     [
         (["rpdr", *MOVE_OPTIONS, "--duration", "0.4"], np.radians([-90.0, -100.0]), np.degrees(1.0), "°", 2.0),
-        (["rpdr", *MOVE_OPTIONS, "--duration", "0.1"], np.radians([-90.0, -100.0]), np.degrees(1.0), "°", 2.0),
-        (["stewart", *STROKES, "--duration", "0.05", "--band-deg", "0.1"], np.full(6, 0.01), 1e3, " mm", 1.75),
+        pytest.param(
+            ["rpdr", *MOVE_OPTIONS, "--duration", "0.1"],
+            np.radians([-90.0, -100.0]),
+            np.degrees(1.0),
+            "°",
+            2.0,
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            ["stewart", *STROKES, "--duration", "0.05", "--band-deg", "0.1"],
+            np.full(6, 0.01),
+            1e3,
+            " mm",
+            1.75,
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_simulate_tells_how_far_off_it_ends(arguments, goal, scale, unit, band, capsys, tmp_path):

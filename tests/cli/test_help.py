@@ -37,7 +37,8 @@ def test_a_help_fits_eighty_columns(name, monkeypatch):
 @pytest.mark.parametrize(
     "name",
     [
-        *("new", "info", "check", "modes", "simulate", "merge", "verify", "view", "convert", "doctor", "examples"),
+        *("new", "info", "check", "modes", "simulate", "merge", "verify", "view", "convert", "export", "doctor"),
+        "examples",
         pytest.param("domain", marks=pytest.mark.slow),
     ],
 )

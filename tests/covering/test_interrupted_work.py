@@ -238,6 +238,7 @@ def test_a_deep_atlas_answers_soon(rpdr):
     assert max(waits) < 1.0
 
 
+@pytest.mark.slow
 def test_curves_are_kept_too(rpdr, tmp_path, monkeypatch):
     """A checkpoint saved no time: curves were followed again. One that Ctrl-C cuts short is not kept."""
     followed = []

@@ -44,6 +44,7 @@ def torus(rpdr):
     return certify_sheets(rpdr, TORUS, max_depth=5)
 
 
+@pytest.mark.slow
 def test_workers_and_checkpoints_do_not_change_the_sheets(rpdr, torus, tmp_path):
     """Two threads, a process and a folder of chunks give the same, bit for bit; a second call finds the chunks."""
     assert same(torus, certify_sheets(rpdr, TORUS, max_depth=5, workers=2))

@@ -80,6 +80,7 @@ def test_the_answers_are_as_printed(column, make):
             assert said == shown[answer.who]
 
 
+@pytest.mark.slow
 def test_a_configuration_that_is_singular():
     """The independent oracle of what is asked: forearms in line, and bars in line, by plain trigonometry."""
     mechanism, q_free = comparison.forearms_in_line()

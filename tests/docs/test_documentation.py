@@ -7,6 +7,7 @@ from ccpin.studio.server import Studio
 from ccpin.visualization.live import Viewer
 from tests.support.browser import chromium
 from tests.support.documents import PAGES, alike, blocks, needs, run
+from tests.support.exported import compiler
 
 KNOWN = {"python", "console", "sh", "text", "xml", "yaml", "toml", "cpp"}
 
@@ -28,9 +29,9 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
 
 
 LONG = (
-    {"README.md", "docs/gallery.md", "docs/pictures.md", "docs/tutorial.md"}
+    {"README.md", "docs/faq.md", "docs/gallery.md", "docs/pictures.md", "docs/tutorial.md"}
     | {f"docs/notebooks/{name}.md" for name in ("delta", "paper", "tuning")}
-    | {f"docs/howto/{name}.md" for name in ("assembly_modes", "cluster", "tracking", "workspace")}
+    | {f"docs/howto/{name}.md" for name in ("assembly_modes", "cluster", "gains", "rl", "tracking", "workspace")}
 )
 
 
@@ -42,6 +43,8 @@ def test_a_page_runs(page):
     for package in needs(page):
         if package == "chromium":
             chromium()
+        elif package == "gcc":
+            compiler()
         else:
             pytest.importorskip(package, reason=f"the page's code needs {package}")
     run(page)

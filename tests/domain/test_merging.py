@@ -95,6 +95,7 @@ def test_the_radius_is_that_about_the_first_seed(rpdr):
     assert merged.certified_fraction == pytest.approx(whole.certified_fraction, abs=5e-3)
 
 
+@pytest.mark.slow
 def test_it_is_saved_audited_and_merged_again(quarters, tmp_path):
     """Halves of halves; the auditor proves boxes, the faces between parts, and that all are reached from one seed."""
     auditing = pytest.importorskip("ccpin.auditing", reason="python-flint")

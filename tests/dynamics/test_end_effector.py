@@ -197,6 +197,7 @@ def test_a_target_far_out_of_reach_is_told_with_where_the_way_ended(side, beyond
     assert "farther than" not in str(close.value)
 
 
+@pytest.mark.slow
 def test_what_stops_an_approach_is_told():
     """Sideways a Delta's loops come to a singular configuration; straight up its arms and rods do not."""
     model = ccpin.ReducedModel(ccpin.load("delta"))

@@ -17,6 +17,7 @@ from ccpin.kinematics.parametrization import Parametrization
 from tests.oracles import delta, rpdr
 from tests.oracles.geometry import wrap
 from tests.support.backends import same_on_both
+from tests.support.long_cases import later
 from tests.support.paper import MODES, to_free, to_paper
 from tests.support.strategies import mechanisms
 
@@ -117,7 +118,7 @@ def test_no_pair_of_modes_is_joined(rpdr_model, mode):
     assert proved > 50
 
 
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", later(*MODES))
 def test_proved_sigma_is_the_closed_form(rpdr_model, mode):
     """Where every step is proved the five-bar's σ is (39)–(40) in the mode of `near`, or refused."""
     mechanism, rng, seen = rpdr_model.mechanism, np.random.default_rng(7), 0

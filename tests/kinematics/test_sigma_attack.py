@@ -83,6 +83,7 @@ def test_the_five_bar_is_followed_next_to_its_singular_point(rpdr_model, distanc
         assert np.abs(wrap(to_paper(mechanism, q_free) - rpdr.sigma(end, mode))).max() < 1e-8 / distance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", SIZES)
 def test_open_configurations_of_the_five_bar_keep_their_mode(rpdr_model, size):
     """Next to the isolated singular point an open one is closed on its own side of det ψ_q′ = 0, or refused."""

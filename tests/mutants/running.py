@@ -37,9 +37,10 @@ def source_of(module: str) -> Path:
 def outcomes_of(module: str, changes: Sequence[Change | None], tests: tuple[str, ...], processes: int) -> list[Outcome]:
     """What tests say of a module's mutants (``None``: of the module as it is)."""
     importlib.import_module(_name(module))
-    session = _Forks([lambda change=change: change and _apply(module, change) for change in changes], processes)
+    named = tuple(test for test in tests if "::" in test)
+    session = _Forks([lambda change=change: change and _apply(module, change) for change in changes], processes, named)
     with redirect_stdout(StringIO()) as said:
-        options = ["-q", "-p", "no:cacheprovider", "--tb=no"]
+        options = ["-q", "-p", "no:cacheprovider", "--tb=no", "-m", ""]
         pytest.main([*options, *(str(ROOT / "tests" / test) for test in tests)], plugins=[session])
     if not session.outcomes:
         raise RuntimeError(f"the tests of {module} were not collected:\n{said.getvalue()}")
@@ -47,11 +48,19 @@ def outcomes_of(module: str, changes: Sequence[Change | None], tests: tuple[str,
 
 
 class _Forks:
-    """A plugin of pytest that runs the collected tests once in a fork for every change, instead of here."""
+    """A plugin of pytest that runs the collected tests once in a fork for every change, instead of here.
 
-    def __init__(self, changes: Sequence[Callable[[], object]], processes: int) -> None:
-        self._changes, self._processes = changes, processes
+    Of slow tests those that are named one by one run, of a file the others alone.
+    """
+
+    def __init__(self, changes: Sequence[Callable[[], object]], processes: int, named: tuple[str, ...]) -> None:
+        self._changes, self._processes, self._named = changes, processes, named
         self.outcomes: list[Outcome] = []
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Leave out slow tests that nobody named."""
+        named = tuple(f"tests/{test}" for test in self._named)
+        items[:] = [item for item in items if not item.get_closest_marker("slow") or item.nodeid.startswith(named)]
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool:

@@ -220,6 +220,7 @@ def test_random_mechanisms_thoroughly(drawn, seed):
     compare_random(ccpin.load(drawn.description), seed)
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(mechanisms(), seeds)
 def test_random_couplings(drawn, seed):
@@ -227,6 +228,7 @@ def test_random_couplings(drawn, seed):
     compare_random(loaded(coupled(drawn, seed)), seed)
 
 
+@pytest.mark.slow
 @settings(max_examples=4)
 @given(mechanisms(), seeds)
 def test_random_coordinates(drawn, seed):

@@ -125,6 +125,7 @@ def test_points_newton_and_gluing_are_the_reference_s(monkeypatch, name, bounds)
     assert np.all(glued(problem, boxes, 0.3 * boxes.half, boxes, 0.3 * boxes.half))
 
 
+@pytest.mark.slow
 def test_the_atlas_is_the_reference_s(monkeypatch, rpdr):
     """Every cell of the torus and of a box of the Delta's, with its fate; each certified box passes NumPy's check."""
     cube = np.full(3, -0.2), np.full(3, 0.3)

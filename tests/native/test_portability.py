@@ -59,6 +59,7 @@ def found(name, wanted):
     return address and ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_double)(address)
 
 
+@pytest.mark.slow
 @linux
 def test_what_is_thrown_is_freed():
     """Exceptions of the core are counted down to nothing (`native/older_libstdcxx.cpp`)."""

@@ -35,7 +35,11 @@ def five_bar(tmp_path_factory):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("rpdr", ["2 independent motions", "certified boxes", "Singular curves", "assembly mode"]),
+        pytest.param(
+            "rpdr",
+            ["2 independent motions", "certified boxes", "Singular curves", "assembly mode"],
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             "four_bar", ["one independent motion", "boxes, edges halved up to 3 times"], marks=pytest.mark.slow
         ),

@@ -39,6 +39,7 @@ def test_repetitive(tmp_path, capsys, monkeypatch):
     assert [move["ideal_narrow"] for move in moves] == pytest.approx([0.280, 0.452], abs=2e-3)
 
 
+@pytest.mark.slow
 def test_fig6(tmp_path, capsys):
     """The singular curves of both kinds, drawn."""
     script("fig6").main(tmp_path)

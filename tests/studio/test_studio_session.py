@@ -217,6 +217,7 @@ def test_slices_follow_the_other_coordinates(subjects):
         assert desk.order("slice", axes=axes)["kind"] == "error"
 
 
+@pytest.mark.slow
 def test_what_is_proved_takes_the_place_of_samples(subjects, monkeypatch):
     """A slice sampled before there was an atlas is neither kept for an exported page nor told after the atlas."""
     monkeypatch.setattr(map_pieces, "certify", partial(domain.certify, max_depth=5))
@@ -252,6 +253,7 @@ def test_the_square_is_theorem_2(subjects):
     assert square["radius"] == pytest.approx(theorem2(desk.subject.mechanism, desk.session.here.q_free).radius)
 
 
+@pytest.mark.slow
 def test_the_sublevel_is_certified_and_its_edge_is_at_c(subjects):
     """c is `certify_set_point`'s, and 𝒱 is c along the edge drawn."""
     desk = Desk(subjects("rpdr"))

@@ -6,6 +6,7 @@ import re
 import runpy
 import shlex
 import shutil
+import subprocess
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,7 +46,7 @@ def blocks(page):
 
 
 def needs(page):
-    """The packages a page says its code needs beside ccpin's own."""
+    """The packages and programs (chromium, gcc) a page says its code needs beside ccpin's own."""
     return [name.strip() for line in NEEDS.findall(page.read_text(encoding="utf-8")) for name in line.split(",")]
 
 
@@ -107,6 +108,8 @@ def typed(command, where):
             assert code == 0, f"{where}: `{command}` ends with {code}"
         elif program == "python" and arguments[0].endswith(".py"):
             runpy.run_path(arguments[0], run_name="__main__")
+        elif program.startswith("./"):
+            out.write(subprocess.run([program, *arguments], capture_output=True, text=True, check=True).stdout)
         elif program != "ccpin":
             assert program in OTHERS, f"{where}: nobody runs `{command}`"
             OTHERS[program](arguments)
@@ -128,7 +131,13 @@ def _script(arguments):
     assert (ROOT / arguments[0]).is_file(), arguments[0]
 
 
+def _compiles(arguments):
+    """A file that the page made; warnings that it makes errors are some."""
+    subprocess.run(["gcc", *arguments], check=True)
+
+
 OTHERS = {
+    "gcc": _compiles,
     "pip": _installs,
     "sh": _script,
     "cd": lambda arguments: None,

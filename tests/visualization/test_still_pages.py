@@ -14,6 +14,7 @@ import ccpin
 from ccpin import report, visualization
 from ccpin.studio import studio
 from tests.support.browser import opened, press, settle
+from tests.support.long_cases import later
 from tests.support.pages import five_bar, five_bar_swing
 
 SECONDS = float(os.environ.get("CCPIN_STILL", "0.8"))
@@ -79,7 +80,7 @@ def left_alone(tmp_path):
         yield at
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", later(*KINDS))
 def test_nothing_moves_and_nothing_is_drawn(left_alone, kind):
     """It was 0.93 CPU seconds a second: every frame was drawn anew. `CCPIN_STILL` is how long it is looked at."""
     page = left_alone(kind)

@@ -35,6 +35,7 @@ COMMANDS: dict[str, Command] = {
     "view": Command("view", "show the mechanism, or play a trajectory, in MeshCat"),
     "studio": Command("studio", "move the mechanism by hand in the browser, with map and experiments"),
     "convert": Command("convert", "write the mechanism as URDF+, SDFormat, MJCF or a toolbox robot.yaml"),
+    "export": Command("export", "write what the model computes as straight-line C99 for firmware, or as JSON"),
     "report": Command(
         "report",
         "one offline page about a mechanism: what it is, where it holds, modes, an experiment, its animation "

@@ -12,13 +12,12 @@ import shtab
 
 from ccpin.arrays import Array
 from ccpin.cli.command import INTERRUPTED, add_command, complete, count, nonnegative, positive
-from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, each, load, vector
+from ccpin.cli.laws import add_law, law_of
+from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, load, vector
 from ccpin.cli.progress import busy
 from ccpin.cli.reaching import explained
-from ccpin.control import ControlLaw, PDFullGravity, PDSimpleGravity, local_gains
-from ccpin.control.control_law import NoTorque
+from ccpin.control import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation import Settling, exceeded, supervise
@@ -38,15 +37,7 @@ def add_simulate(commands: Any) -> None:
     add_mechanism(parser)
     add_vector(parser, "start", "where the motion starts at rest (default: the reference)")
     add_vector(parser, "goal", "the set point (default: the start)")
-    parser.add_argument("--law", choices=("simple", "full", "none"), default="simple", help="gravity compensation")
-    parser.add_argument(
-        "--kp",
-        nargs="+",
-        type=positive,
-        metavar="K",
-        help="proportional gains: n, or one where all q are angles or all lengths (default: for 10 rad/s at the goal)",
-    )
-    parser.add_argument("--kv", nargs="+", type=positive, metavar="K", help="velocity gains, alike (default: critical)")
+    add_law(parser)
     parser.add_argument("--duration", type=positive, default=1.0, metavar="S", help="seconds (default 1)")
     parser.add_argument("--cycles", type=count, metavar="N", help="go to the goal and back N times")
     parser.add_argument("--wait", type=nonnegative, default=2.5, metavar="S", help="wait at each end of a cycle")
@@ -74,7 +65,7 @@ def _moved(options: argparse.Namespace, mechanism: Mechanism, model: ReducedMode
     goal = start if goal is None else goal
     settings = {"method": options.method, "rtol": options.rtol, "atol": options.atol} | bench_settings(options, model)
     if options.cycles is None:
-        law = _law(model, options, goal, model.sigma(start))
+        law = law_of(model, options, goal, model.sigma(start))
         simulator, until = Simulator(model, law, **settings), options.duration
         simulator.reset(start)
         with busy(options.json, "simulating", lambda: simulator.t / until):
@@ -102,23 +93,6 @@ def _moved(options: argparse.Namespace, mechanism: Mechanism, model: ReducedMode
     return 0 if trajectory.status in ("finished", "settled") else 1
 
 
-def _law(model: ReducedModel, options: argparse.Namespace, goal: Array, q_free: Array) -> ControlLaw:
-    if options.law == "none":
-        return NoTorque(model)
-    law = PDSimpleGravity if options.law == "simple" else PDFullGravity
-    if options.kp is None and options.kv is None:
-        return law(model, goal, *local_gains(model, goal, near=q_free), q_free)
-    if options.kp is None or options.kv is None:
-        raise InvalidInputError("--kp and --kv belong together (one for each independent velocity, or one number)")
-    return law(model, goal, _gain(options, "kp", model.n), _gain(options, "kv", model.n), q_free)
-
-
-def _gain(options: argparse.Namespace, name: str, n: int) -> float | tuple[float, ...]:
-    """One number as it is, so that its unit is checked; else n."""
-    gains = each(options, name, n) or ()
-    return gains[0] if len(getattr(options, name)) == 1 else gains
-
-
 def _cycles(
     model: ReducedModel, options: argparse.Namespace, start: Array, goal: Array, settings: dict[str, Any]
 ) -> SupervisedMotion:
@@ -127,7 +101,7 @@ def _cycles(
 
     def law_to(target: Array, q_free: Array) -> ControlLaw:
         begun.append(target)
-        return _law(model, options, target, q_free)
+        return law_of(model, options, target, q_free)
 
     with busy(options.json, "simulating", lambda: (len(begun) - 1) / len(goals)):
         return supervise(

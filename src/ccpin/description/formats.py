@@ -195,7 +195,7 @@ def _recognised(source: Source) -> Format:
     else:
         keys = " or ".join(f"'{known.key}'" for known in FORMATS.values() if known.root is None)
         titles = ", ".join(known.title for known in of_xml)
-        message = f"neither XML ({titles}) nor a YAML file with a {keys} key"
+        message = f"neither XML ({titles}) nor a file with a {keys} key"
     raise AmbiguousFormatError(message, source=str(source.file))
 
 

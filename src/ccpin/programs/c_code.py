@@ -11,6 +11,9 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
+from ccpin.errors import CcpinError
 from ccpin.programs.evaluation import gain_series
 from ccpin.programs.folding import Arithmetic, folded
 from ccpin.programs.instructions import (
@@ -57,13 +60,13 @@ def identifier(text: str) -> str:
     return f"p_{found}" if not found or found[0].isdigit() else found
 
 
-def kernel_of(program: Program, name: str, precision: Precision = DOUBLE) -> Text:
-    """The arithmetic of a program over a type R, with a mask I of a comparison's type."""
-    code = folded(program.code, _DOUBLES)
-    pieces = [code.instructions[k : k + PIECE] for k in range(0, len(code.instructions), PIECE)] or [()]
+def kernel_of(program: Program, name: str, precision: Precision = DOUBLE, size: int = PIECE) -> Text:
+    """The arithmetic of a program over a type R, with a mask I of a comparison's type, in pieces of a size."""
+    code = folded(program.code, DOUBLES)
+    pieces = [code.instructions[k : k + size] for k in range(0, len(code.instructions), size)] or [()]
     writer = _Writer(program, code, name, precision)
     slots = _slots(pieces, code, program)
-    bodies = [writer.piece(number, piece, slots) for number, piece in enumerate(pieces)]
+    bodies = [writer.piece(number, piece, slots, len(pieces) == 1) for number, piece in enumerate(pieces)]
     return Text(
         name,
         "\n".join([_trigonometry(name, precision), *writer.helpers(), *bodies, writer.kernel(len(pieces), slots)]),
@@ -71,7 +74,7 @@ def kernel_of(program: Program, name: str, precision: Precision = DOUBLE) -> Tex
     )
 
 
-_DOUBLES = Arithmetic(lambda value: value, math.sqrt, lambda a: 1 / a, math.atan2)
+DOUBLES = Arithmetic(lambda value: value, math.sqrt, lambda a: 1 / a, math.atan2)
 
 
 class _Slots(NamedTuple):
@@ -119,7 +122,7 @@ class _Writer:
         orders = {item.b: None for item in self._code.instructions if item.kind == GAIN}
         return [_gain(self._name, order, self._precision) for order in orders]
 
-    def piece(self, number: int, items: Sequence[Instruction], slots: _Slots) -> str:
+    def piece(self, number: int, items: Sequence[Instruction], slots: _Slots, alone: bool) -> str:
         """One function of the kernel."""
         lines, here = list[str](), {item.target for item in items}
         angles = {item.a: dict[int, int]() for item in items if item.kind in (SINE, COSINE)}
@@ -145,7 +148,7 @@ class _Writer:
                 if value in self._pivots:
                     low = (SMALL_PIVOT * self._pivots[value]) ** 2
                     lines.append(f"ok &= ABOVE(t{value} * t{value}, {self._literal(low)});")
-        head = f"static inline I {self._name}_piece{number}(const R x[], R m[])"
+        head = f"static {'inline' if alone else 'APART'} I {self._name}_piece{number}(const R x[], R m[])"
         return _function(head, ["I ok = EVERY;", *lines, "(void)x;", "(void)m;", "return ok;"])
 
     def _sine_cosine(self, angle: int, pair: dict[int, int]) -> list[str]:
@@ -154,7 +157,10 @@ class _Writer:
             return []
         names = [f"t{pair[kind]}" if kind in pair else f"unused{angle}" for kind in (SINE, COSINE)]
         call = f"{self._name}_sincos({self._operand(angle)}, &{names[0]}, &{names[1]});"
-        return [f"R {names[0]}, {names[1]};", call, *(f"(void){name};" for name in names if name.startswith("unused"))]
+        reach = self._literal(self._precision.reach**2)
+        within = f"ok &= ABOVE({reach}, {self._operand(angle)} * {self._operand(angle)});"
+        unused = [f"(void){name};" for name in names if name.startswith("unused")]
+        return [f"R {names[0]}, {names[1]};", call, *unused, within]
 
     def kernel(self, pieces: int, slots: _Slots) -> str:
         """All pieces, and the outputs; the mask is of rows to be trusted, `large` of those whose pivots were large."""
@@ -173,7 +179,7 @@ class _Writer:
         if number < self._code.inputs:
             return f"x[{number}]"
         if number in self._constants:
-            return f"((R){{0}} + {self._literal(self._constants[number])})"
+            return f"CONSTANT({self._literal(self._constants[number])})"
         return f"m[{slots.place[number]}]"
 
     def _value(self, item: Instruction) -> str:
@@ -196,8 +202,21 @@ class _Writer:
         return self._literal(self._constants[number]) if number in self._constants else f"t{number}"
 
     def _literal(self, value: object) -> str:
-        text = f"{float(value)!r}{self._precision.suffix}"  # type: ignore[arg-type]
-        return f"({text})" if text.startswith("-") else text
+        return literal(float(value), self._precision)  # type: ignore[arg-type]
+
+
+def literal(value: float, precision: Precision) -> str:
+    """A number as C has it, rounded to the format; the negative in brackets.
+
+    Raises:
+        CcpinError: It is too large for the format.
+    """
+    with np.errstate(over="ignore"):
+        held = precision.type(value)
+    if not np.isfinite(held):
+        raise CcpinError(f"a constant of the program, {value:g}, is no number of the format {precision.name}")
+    text = f"{held!s}{precision.suffix}"
+    return f"({text})" if text.startswith("-") else text
 
 
 def _function(head: str, lines: Sequence[str]) -> str:
@@ -207,40 +226,50 @@ def _function(head: str, lines: Sequence[str]) -> str:
 def _trigonometry(name: str, precision: Precision) -> str:
     """Sine and cosine, as `sine_cosine` has them."""
 
-    def literal(value: float) -> str:
-        return f"({value!r}{precision.suffix})"
+    def number(value: float) -> str:
+        return literal(value, precision)
 
     def horner(coefficients: Sequence[float]) -> str:
-        text = literal(coefficients[-1])
+        text = number(coefficients[-1])
         for coefficient in reversed(coefficients[:-1]):
-            text = f"({literal(coefficient)} + z * {text})"
+            text = f"({number(coefficient)} + z * {text})"
         return text
 
-    big, one, half = literal(precision.rounder), literal(1.0), literal(0.5)
-    first, second, third = map(literal, precision.parts)
+    big, one, half = number(precision.rounder), number(1.0), number(0.5)
+    bits = 62 if precision.name == "double" else 30
+    first, second, third = map(number, precision.parts)
     return f"""static inline void {name}_sincos(R x, R *sine, R *cosine)
 {{
-    const R k = (x * {literal(2.0 / math.pi)} + {big}) - {big};
+    const R near = x * {number(2.0 / math.pi)} + {big};
+    const R k = near - {big};
     const R r = ((x - k * {first}) - k * {second}) - k * {third};
     const R z = r * r;
     const R s = r + (r * z) * {horner(precision.sine)};
     const R c = ({one} - {half} * z) + (z * z) * {horner(precision.cosine)};
-    const R h = k * {half}, w = k * {literal(0.25)};
+#ifdef BITS
+    const I n = BITS(near), odd = -(n & 1);
+    const I first = (BITS(s) & ~odd) | (BITS(c) & odd), second = (BITS(c) & ~odd) | (BITS(s) & odd);
+    *sine = (R)(first ^ ((n & 2) << {bits}));
+    *cosine = (R)(second ^ (((n + 1) & 2) << {bits}));
+#else
+    const R h = k * {half}, w = k * {number(0.25)};
     const R e = h - ((h + {big}) - {big}), f = w - ((w + {big}) - {big});
     const R b = e + e;
-    const R a = ({one} - b * b) * ({one} - {literal(8.0)} * (f * f));
+    const R a = ({one} - b * b) * ({one} - {number(8.0)} * (f * f));
     *sine = s * a + c * b;
     *cosine = c * a - s * b;
+#endif
 }}"""
 
 
 def _gain(name: str, order: int, precision: Precision) -> str:
     """A derivative of g(w) = 2 arccos(w)/√(1 − w²): of each lane by itself."""
-    terms = ", ".join(f"{value!r}{precision.suffix}" for value in gain_series(order)[:40])
+    series = gain_series(order)
+    terms = ", ".join(literal(value, precision) for value in series)
     return f"""static inline R {name}_gain{order}(R w)
 {{
-    static const S terms[40] = {{{terms}}};
-    R found = (R){{0}};
+    static const S terms[{len(series)}] = {{{terms}}};
+    R found = CONSTANT(0);
     for (int lane = 0; lane < LANES; lane++) {{
         const S at = LANE(w, lane);
         S g = 0;
@@ -256,7 +285,7 @@ def _gain(name: str, order: int, precision: Precision) -> str:
             (void)next;
         }} else {{
             const S z = (1 - at) / 2;
-            for (int k = 39; k >= 0; k--) {{ g = g * z + terms[k]; }}
+            for (int k = {len(series) - 1}; k >= 0; k--) {{ g = g * z + terms[k]; }}
         }}
         LANE(found, lane) = g;
     }}
@@ -270,7 +299,9 @@ def scalar_macros(precision: Precision) -> str:
     return f"""typedef {precision.name} S;
 typedef S R;
 typedef int I;
+#define APART inline
 #define EVERY (-1)
+#define CONSTANT(value) (value)
 #define LANES 1
 #define LANE(value, lane) (value)
 #define ABOVE(a, b) (-((a) > (b)))
@@ -287,7 +318,10 @@ def lane_macros(precision: Precision, lanes: int) -> str:
 typedef S R __attribute__((vector_size({lanes} * sizeof(S))));
 typedef {mask} I __attribute__((vector_size({lanes} * sizeof(S))));
 #define LANES {lanes}
+#define BITS(a) ((I)(a))
+#define APART __attribute__((noinline))
 #define EVERY ((I){{0}} - 1)
+#define CONSTANT(value) ((R){{0}} + (value))
 #define LANE(value, lane) ((value)[lane])
 #define ABOVE(a, b) ((a) > (b))
 #define SQRT(a) sqrt{suffix}(a)

@@ -3,42 +3,27 @@
 from __future__ import annotations
 
 import ctypes
-import os
 import platform
-import shutil
-import subprocess
-import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.arrays import choice
+from ccpin.errors import InvalidInputError
 from ccpin.programs.c_code import kernel_of, lane_macros
+from ccpin.programs.compiling import loaded
 from ccpin.programs.program import Program
 from ccpin.programs.sine_cosine import DOUBLE, FLOAT
 
 Format = Literal["double", "float"]
 _PRECISIONS = {"double": DOUBLE, "float": FLOAT}
-_FLAGS = (
-    "-std=gnu99",
-    "-O2",
-    "-ffp-contract=off",
-    "-fno-math-errno",
-    "-fno-trapping-math",
-    "-shared",
-    "-fPIC",
-    "-Wno-psabi",
-)
-_CHUNK = 4096  # rows a thread takes at a time
-
-
-class NoCompilerError(CcpinError):
-    """No C compiler, or none that compiles."""
+PIECE = 600  # operations a function: compilers take more than proportionally longer for more
+_CHUNK = 2048  # rows a thread takes at a time
+_AGREES = 1e-6  # of the largest output: what a compiler may differ from NumPy at a program's example
 
 
 class Width(NamedTuple):
@@ -83,12 +68,34 @@ class CompiledProgram:
 
     Raises:
         NoCompilerError: There is no compiler (`CC`, cc, gcc or clang), or it fails.
+        CcpinError: The folder for compiled programs is not the user's.
     """
 
     def __init__(self, program: Program, format: Format = "double", vectors: Width | None = None) -> None:
-        self.program, self.format = program, format
+        self.program, self.format = program, choice(format, "format", tuple(_PRECISIONS))
         self._type = np.dtype(np.float64 if format == "double" else np.float32)
-        self._run = _loaded(source(program, format, vectors or width()), (vectors or width()).flags)
+        wide = vectors or width()
+        flags = ("-O2" if len(program.code.instructions) <= PIECE else "-O1", *wide.flags)
+        self._use(loaded(source(program, format, wide), flags, self._examined))
+
+    def _use(self, library: ctypes.CDLL) -> None:
+        self._run = library.many
+        self._run.restype = None
+
+    def _examined(self, library: ctypes.CDLL) -> bool:
+        """Whether a library gives what NumPy gives at the program's example."""
+        program = self.program
+        if self.format == "float" or not program.example:
+            return True
+        self._use(library)
+        ends = np.cumsum([port.size for port in program.inputs])[:-1]
+        parts = np.split(np.array(program.example), ends)
+        given = {port.name: part.reshape(port.shape) for port, part in zip(program.inputs, parts, strict=True)}
+        wanted, found = program(**given), self(*given.values())
+        pairs = list(zip(wanted.values(), found, strict=False))
+        size = max((float(np.abs(a).max(initial=0.0)) for a, _ in pairs), default=0.0)
+        close = all(np.allclose(b[0], a, rtol=0.0, atol=_AGREES * size, equal_nan=True) for a, b in pairs)
+        return close and int(found[-1][0]) == wanted.status
 
     def __call__(self, *inputs: ArrayLike, threads: int = 1) -> tuple[NDArray[Any], ...]:
         """The outputs, each of shape (N, …), and the status, (N,), at inputs of shape (N, …), or of one row for all."""
@@ -104,11 +111,21 @@ class CompiledProgram:
                 raise InvalidInputError(f"{port.name} must be of shape {port.shape} or ({rows}, …), not {table.shape}")
             wide = np.broadcast_to(table, (rows, *port.shape)) if whole else table
             flat.append(wide.reshape(rows, port.size) if len(port.shape) != 1 else wide)
-        found = [np.empty((rows, port.size), dtype=self._type) for port in self.program.outputs]
+        found = [np.empty((port.size, rows), dtype=self._type).T for port in self.program.outputs]
         status = np.empty(rows, dtype=np.int32)
         self._fill(flat, found, status, threads)
         shaped = (f.reshape(rows, *port.shape) for f, port in zip(found, self.program.outputs, strict=True))
         return (*shaped, status)
+
+    def bound(
+        self, inputs: list[NDArray[Any]], outputs: list[NDArray[Any]], status: NDArray[Any]
+    ) -> Callable[[], None]:
+        """What runs it over one row of contiguous arrays of the ports' shapes, which it reads and writes each time."""
+        tables = [*inputs, *outputs]
+        places = (ctypes.c_void_p * max(len(tables), 1))(*(table.ctypes.data for table in tables))
+        steps = (ctypes.c_long * max(2 * len(tables), 1))(*([0, 1] * len(tables)))
+        arguments = (ctypes.c_long(1), places, steps, ctypes.c_void_p(status.ctypes.data))
+        return lambda: self._run(*arguments)
 
     def _fill(
         self, inputs: list[NDArray[Any]], outputs: list[NDArray[Any]], status: NDArray[Any], threads: int
@@ -126,10 +143,21 @@ class CompiledProgram:
         if threads == 1 or rows <= _CHUNK:
             some(0, rows)
             return
-        cuts = range(0, rows, _CHUNK)
-        with ThreadPoolExecutor(threads) as pool:
-            for done in [pool.submit(some, k, min(k + _CHUNK, rows)) for k in cuts]:
-                done.result()
+        left = list(range(0, rows, _CHUNK))
+
+        def work() -> None:
+            while left:
+                try:
+                    first = left.pop()
+                except IndexError:
+                    return
+                some(first, min(first + _CHUNK, rows))
+
+        with ThreadPoolExecutor(threads - 1) as pool:
+            others = [pool.submit(work) for _ in range(threads - 1)]
+            work()
+            for other in others:
+                other.result()
 
 
 def source(program: Program, format: Format, vectors: Width) -> str:
@@ -137,7 +165,7 @@ def source(program: Program, format: Format, vectors: Width) -> str:
     precision = _PRECISIONS[format]
     lanes = vectors.bytes // (8 if format == "double" else 4)
     name = "program"
-    text = kernel_of(program, name, precision)
+    text = kernel_of(program, name, precision, PIECE)
     ins, outs = [port.size for port in program.inputs], [port.size for port in program.outputs]
     return "\n".join(
         [
@@ -150,23 +178,36 @@ def source(program: Program, format: Format, vectors: Width) -> str:
     )
 
 
-_LOAD = """static inline void load(R *to, const S *from, long row, long entry, int size, long left)
+_LOAD = """#define EACH _Pragma("GCC unroll 16")
+static inline void load(R *to, const S *from, long row, long entry, int size, long left)
 {
-    for (int k = 0; k < size; k++) {
-        if (row == 1 && left >= LANES) {
-            memcpy(&to[k], from + k * entry, sizeof(R));
-        } else {
+    if (left < LANES) {
+        for (int k = 0; k < size; k++)
+            for (int lane = 0; lane < LANES; lane++) to[k][lane] = from[(lane < left ? lane : 0) * row + k * entry];
+    } else if (row == 1) {
+        for (int k = 0; k < size; k++) memcpy(&to[k], from + k * entry, sizeof(R));
+    } else {
+        for (int k = 0; k < size; k++) {
             R value;
-            for (int lane = 0; lane < LANES; lane++)
-                value[lane] = from[(lane < left ? lane : left - 1) * row + k * entry];
+            EACH
+            for (int lane = 0; lane < LANES; lane++) value[lane] = from[lane * row + k * entry];
             to[k] = value;
         }
     }
 }
 static inline void store(const R *from, S *to, long row, long entry, int size, long left)
 {
-    for (int k = 0; k < size; k++)
-        for (int lane = 0; lane < LANES && lane < left; lane++) to[lane * row + k * entry] = from[k][lane];
+    if (left < LANES) {
+        for (int k = 0; k < size; k++)
+            for (int lane = 0; lane < left; lane++) to[lane * row + k * entry] = from[k][lane];
+    } else if (row == 1) {
+        for (int k = 0; k < size; k++) memcpy(to + k * entry, &from[k], sizeof(R));
+    } else {
+        for (int k = 0; k < size; k++) {
+            EACH
+            for (int lane = 0; lane < LANES; lane++) to[lane * row + k * entry] = from[k][lane];
+        }
+    }
 }"""
 
 
@@ -199,72 +240,3 @@ def _many(name: str, inputs: Sequence[int], outputs: Sequence[int]) -> str:
             "}",
         ]
     )
-
-
-def compiler() -> str:
-    """The C compiler's path.
-
-    Raises:
-        NoCompilerError: There is none.
-    """
-    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
-        if name and (found := shutil.which(name)):
-            return found
-    raise NoCompilerError(
-        "there is no C compiler (cc, gcc or clang): programs run in NumPy, and the compiled core stands"
-    )
-
-
-def _loaded(text: str, flags: Sequence[str]) -> Any:
-    """The function `many` of a text, compiled once and kept in a folder that is the user's alone."""
-    using = compiler()
-    key = sha256("\0".join([text, using, *_FLAGS, *flags]).encode()).hexdigest()
-    path = _cache() / f"{key}.so"
-    if not _is_own(path):
-        _compile(text, using, flags, path)
-    function = ctypes.CDLL(str(path)).many
-    function.restype = None
-    return function
-
-
-def _cache() -> Path:
-    """A folder of mode 700 that belongs to the user."""
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ccpin" / "programs"
-    home.mkdir(parents=True, exist_ok=True, mode=0o700)
-    held = home.stat()
-    if held.st_uid != os.getuid() or held.st_mode & 0o077:
-        if held.st_uid != os.getuid():
-            raise CcpinError(f"{home} belongs to somebody else: what is compiled is not kept or run there")
-        home.chmod(0o700)
-    return home
-
-
-def _is_own(path: Path) -> bool:
-    """Whether a library is there, is the user's alone, and is what was compiled."""
-    told = path.with_suffix(".sha256")
-    try:
-        held = path.lstat()
-        same = told.read_text() == sha256(path.read_bytes()).hexdigest()
-    except OSError:
-        return False
-    return same and held.st_uid == os.getuid() and not held.st_mode & 0o022 and path.is_file() and not path.is_symlink()
-
-
-def _compile(text: str, using: str, flags: Sequence[str], path: Path) -> None:
-    """Compile a text into a library of the cache, whole or not at all.
-
-    Raises:
-        NoCompilerError: It fails.
-    """
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        made, written = Path(folder) / "program.so", Path(folder) / "program.c"
-        written.write_text(text)
-        command = [using, *_FLAGS, *flags, "-o", str(made), str(written), "-lm"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise NoCompilerError(f"{using} does not compile the program: {done.stderr.strip()[:400]}")
-        made.chmod(0o700)
-        told = Path(folder) / "sum"
-        told.write_text(sha256(made.read_bytes()).hexdigest())
-        told.replace(path.with_suffix(".sha256"))
-        made.replace(path)

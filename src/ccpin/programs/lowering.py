@@ -15,6 +15,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.programs.evaluation import value_of
 from ccpin.programs.instructions import COSINE, GAIN, PART, SINE, SOLVE, Code, Instruction
+from ccpin.programs.signs import unsigned
 from ccpin.programs.tape import Expression, Node, Tape, is_zero
 
 _SMALL = 0.02  # of its column's largest entry at a sample: such a pivot is taken only where there is no other
@@ -84,7 +85,7 @@ def lowered(code: Code, samples: Array) -> Lowered:
 
 
 def _packed(code: Code, pivots: Sequence[Pivot]) -> Lowered:
-    """The same with values numbered without gaps, in the order of the instructions."""
+    """The same with values numbered without gaps, in the order of the instructions, and few negations."""
     place = {k: k for k in range(code.inputs)}
     kept = list[Instruction]()
     for item in code.instructions:
@@ -102,7 +103,9 @@ def _packed(code: Code, pivots: Sequence[Pivot]) -> Lowered:
             )
         )
     packed = Code(len(place), code.inputs, tuple(kept), tuple(place[number] for number in code.outputs))
-    return Lowered(packed, tuple(Pivot(place[pivot.number], pivot.scale) for pivot in pivots))
+    done, numbers = unsigned(packed, [place[pivot.number] for pivot in pivots])
+    scales = {number: pivot.scale for number, pivot in zip(numbers, pivots, strict=True)}
+    return Lowered(done, tuple(Pivot(number, scale) for number, scale in scales.items()))
 
 
 class _Elimination:

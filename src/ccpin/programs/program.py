@@ -42,6 +42,7 @@ WORDS = {
 }  # fmt: skip
 _KINDS = {word: kind for kind, word in WORDS.items()}
 _FORMAT, _VERSION = "ccpin.program", 1
+_NONE = (OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError)  # what reading no program raises
 SMALL_PIVOT = 1e-6  # of its size at the samples: a state at which a solve divides by less is refused
 
 
@@ -100,7 +101,8 @@ class Program:
         pivots: Values that solves divide by.
         corrections: Numbers of the last corrections of σ's Newton steps (none where q′ is given closed), and the square
             of their length above which they had not converged.
-        example: Inputs at which it was recorded, by name.
+        example: Inputs at which it was recorded, in the order of the numbers.
+        around: Inputs at closed states about it, alike.
     """
 
     name: str
@@ -111,6 +113,7 @@ class Program:
     corrections: tuple[int, ...] = ()
     tolerance: float = 0.0
     example: tuple[float, ...] = ()
+    around: tuple[tuple[float, ...], ...] = ()
 
     def __call__(self, **inputs: ArrayLike) -> Answer:
         """The outputs at inputs of the ports' shapes, or of many at once along a first axis more."""
@@ -189,9 +192,29 @@ class Program:
         return "\n".join(lines)
 
     def save(self, path: str | Path) -> None:
-        """Write it as JSON, with its digest; `ccpin.programs.load` reads it with NumPy alone."""
-        text = json.dumps(self._document() | {"digest": self.digest})
-        write_atomically(path, "w", lambda file: file.write(text))
+        """Write it as JSON, with its digest; `load` reads it again."""
+        write_atomically(path, "w", lambda file: file.write(self.text))
+
+    @property
+    def text(self) -> str:
+        """The JSON that `save` writes."""
+        return json.dumps(self._document() | {"digest": self.digest})
+
+    @classmethod
+    def load(cls, path: str | Path) -> Program:
+        """A program that `save` wrote; NumPy alone runs it.
+
+        Raises:
+            CcpinError: The file is none, is damaged, or of a later version.
+        """
+        try:
+            document = json.loads(Path(path).read_bytes())
+            program = _program_of(document)
+        except _NONE as error:
+            raise CcpinError(f"{path} is no program of ccpin's: {error}") from None
+        if document.get("digest") != program.digest:
+            raise CcpinError(f"{path} was changed since it was written: its digest is another")
+        return program
 
     def _document(self) -> dict[str, Any]:
         return {
@@ -202,23 +225,8 @@ class Program:
             "pivots": [[pivot.number, pivot.scale.hex()] for pivot in self.pivots],
             "corrections": list(self.corrections), "tolerance": self.tolerance.hex(),
             "example": [value.hex() for value in self.example],
+            "around": [[value.hex() for value in row] for row in self.around],
         }  # fmt: skip
-
-
-def load(path: str | Path) -> Program:
-    """A program that `Program.save` wrote.
-
-    Raises:
-        CcpinError: The file is none, is damaged, or of a later version.
-    """
-    try:
-        document = json.loads(Path(path).read_bytes())
-        program = _program_of(document)
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError, ZeroDivisionError) as error:
-        raise CcpinError(f"{path} is no program of ccpin's: {error}") from None
-    if document.get("digest") != program.digest:
-        raise CcpinError(f"{path} was changed since it was written: its digest is another")
-    return program
 
 
 def _program_of(document: Any) -> Program:
@@ -247,8 +255,9 @@ def _program_of(document: Any) -> Program:
         raise ValueError("its outputs are not there")
     code = Code(size, count, tuple(instructions), results)
     example = tuple(map(float.fromhex, document["example"]))
+    around = tuple(tuple(map(float.fromhex, row)) for row in document["around"])
     tolerance = float.fromhex(document["tolerance"])
-    return Program(str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example)
+    return Program(str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example, around)
 
 
 def _port_of(entry: Any) -> Port:

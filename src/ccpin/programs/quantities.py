@@ -5,7 +5,7 @@ Every quantity is a function of the numbers x of a closed configuration, and of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,13 +14,14 @@ from ccpin.control.control_law import ControlLaw
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
+from ccpin.programs.recording.constants import Constants, Parameter
 from ccpin.programs.recording.recorded_laws import efforts, law_terms, transmission
 from ccpin.programs.recording.recorded_model import Numbering, RecordedModel, recorded_model
 from ccpin.programs.recording.recorded_tree import Table, exact, exact_placement, rational
 from ccpin.programs.tape import Tape
 
 
-class Scene(NamedTuple):
+class TapedModel(NamedTuple):
     """A model on a tape, and what quantities are recorded from.
 
     Attributes:
@@ -28,9 +29,10 @@ class Scene(NamedTuple):
         model: The model.
         own: The numbers x.
         recorded: The model's closures and dynamics.
-        inputs: x, v = q̇, u and a = q̈, each of shape (n_x,), (n,) or (motors,).
+        inputs: x, v = q̇, u and a = q̈, each of shape (n_x,), (n,) or (motors,), and parameters p.
         law: The law, where one is recorded.
         points: Points of links, by the names of their outputs.
+        constants: The constants, some of them parameters.
     """
 
     tape: Tape
@@ -40,6 +42,7 @@ class Scene(NamedTuple):
     inputs: dict[str, Table]
     law: ControlLaw | None
     points: dict[str, EndEffector]
+    constants: Constants
 
 
 class Quantity(NamedTuple):
@@ -53,22 +56,28 @@ class Quantity(NamedTuple):
 
     unit: str
     needs: tuple[str, ...]
-    record: Callable[[Scene], Table]
+    record: Callable[[TapedModel], Table]
 
 
-def scene_of(
-    model: ReducedModel, own: Numbering, near: Any, law: ControlLaw | None, points: dict[str, EndEffector]
-) -> Scene:
+def taped_model(
+    model: ReducedModel,
+    own: Numbering,
+    near: Any,
+    law: ControlLaw | None,
+    points: dict[str, EndEffector],
+    parameters: Sequence[Parameter] = (),
+) -> TapedModel:
     """A fresh tape with a model on it."""
-    sizes = {"x": len(own.near), "v": model.n, "u": model.n_actuated, "a": model.n}
+    sizes = {"x": len(own.near), "v": model.n, "u": model.n_actuated, "a": model.n, "p": len(parameters)}
     tape = Tape(sum(sizes.values()))
     ends = np.cumsum(list(sizes.values()))[:-1]
-    x, v, u, a = np.split(np.array(tape.inputs, dtype=object), ends)
-    recorded = recorded_model(tape, model, own, (x, v), near)
-    return Scene(tape, model, own, recorded, {"x": x, "v": v, "u": u, "a": a}, law, points)
+    inputs = dict(zip(sizes, np.split(np.array(tape.inputs, dtype=object), ends), strict=True))
+    constants = Constants(model, dict(zip(parameters, inputs["p"], strict=True)))
+    recorded = recorded_model(tape, model, own, (inputs["x"], inputs["v"]), near, constants)
+    return TapedModel(tape, model, own, recorded, inputs, law, points, constants)
 
 
-def forward(scene: Scene) -> Table:
+def forward(scene: TapedModel) -> Table:
     """q̈ = D⁻¹(ρᵀSᵀu − C q̇ − damping q̇ − g) (22)."""
     terms = scene.recorded.terms
     across, u = transmission(scene.model, scene.recorded.motion.rho), scene.inputs["u"]
@@ -76,39 +85,43 @@ def forward(scene: Scene) -> Table:
     return scene.tape.solve(terms.mass, (force - terms.bias)[:, None])[:, 0]
 
 
-def generalized_force(scene: Scene) -> Table:
+def generalized_force(scene: TapedModel) -> Table:
     """τ = D q̈ + C q̇ + damping q̇ + g (22)."""
     return scene.recorded.terms.mass @ scene.inputs["a"] + scene.recorded.terms.bias
 
 
-def inverse(scene: Scene) -> Table:
+def inverse(scene: TapedModel) -> Table:
     """The u of least norm with ρᵀSᵀu = τ."""
     return efforts(scene.tape, transmission(scene.model, scene.recorded.motion.rho), generalized_force(scene))
 
 
-def _mass_inverse(scene: Scene) -> Table:
+def _rho_dot(scene: TapedModel) -> Table:
+    """ρ̇ along q̇."""
+    rho, way = scene.recorded.motion.rho, dict(enumerate(scene.recorded.motion.x_rate))
+    return np.array(scene.tape.derivative(rho.ravel().tolist(), way, held=False), dtype=object).reshape(rho.shape)
+
+
+def _mass_inverse(scene: TapedModel) -> Table:
     return scene.tape.solve(scene.recorded.terms.mass, np.eye(scene.model.n, dtype=object))
 
 
-def _energy(scene: Scene) -> Table:
+def _energy(scene: TapedModel) -> Table:
     return np.array([scene.recorded.terms.kinetic, scene.recorded.terms.potential], dtype=object)
 
 
-def _velocity_force(scene: Scene) -> Table:
+def _velocity_force(scene: TapedModel) -> Table:
     """C q̇ + damping q̇."""
     return scene.recorded.terms.bias - scene.recorded.terms.gravity
 
 
-def _damping(scene: Scene) -> Table:
+def _damping(scene: TapedModel) -> Table:
     """ρᵀB′ρ."""
-    stated = [
-        rational(joint.stated.damping) for joint in scene.model.mechanism.tree.joints for _ in range(joint.kind.nv)
-    ]
+    stated = [scene.constants.damping(joint) for joint in scene.own.joints for _ in range(joint.kind.nv)]
     rho = scene.recorded.motion.rho
     return rho.T @ (np.array(stated, dtype=object)[:, None] * rho)
 
 
-def _coriolis(scene: Scene) -> Table:
+def _coriolis(scene: TapedModel) -> Table:
     """C = ½ ∂(C q̇)/∂q̇: of Christoffel symbols, which are symmetric, so that Ḋ − 2C is skew (Lemma III.1).
 
     Raises:
@@ -119,7 +132,7 @@ def _coriolis(scene: Scene) -> Table:
     return (along(scene, _velocity_force(scene), "v") - _damping(scene)) * rational(0.5)
 
 
-def along(scene: Scene, entries: Table, by: str) -> Table:
+def along(scene: TapedModel, entries: Table, by: str) -> Table:
     """∂(entries)/∂(input), of the entries' shape and one more axis; by "q" along tangent steps, y moving with them."""
     if by == "q":
         ways = [dict(enumerate(column)) for column in (scene.recorded.rates @ scene.recorded.motion.rho).T]
@@ -129,14 +142,14 @@ def along(scene: Scene, entries: Table, by: str) -> Table:
     return np.array(columns, dtype=object).reshape(len(ways), *entries.shape).transpose(*range(1, entries.ndim + 1), 0)
 
 
-def _torque(scene: Scene) -> Table:
+def _torque(scene: TapedModel) -> Table:
     """u of the law."""
     terms, own, x = scene.recorded.terms, scene.own, scene.inputs["x"]
     does = law_terms(scene.tape, scene.law, own.q, (x, scene.inputs["v"]), terms, own.near)
     return efforts(scene.tape, transmission(scene.model, scene.recorded.motion.rho), does.force)
 
 
-def _lyapunov(scene: Scene) -> Table:
+def _lyapunov(scene: TapedModel) -> Table:
     """𝒱 + V(q_d) with the law's own g(q_d)."""
     terms, own, x = scene.recorded.terms, scene.own, scene.inputs["x"]
     does = law_terms(scene.tape, scene.law, own.q, (x, scene.inputs["v"]), terms, own.near)
@@ -145,7 +158,7 @@ def _lyapunov(scene: Scene) -> Table:
     return np.array([does.lyapunov], dtype=object)
 
 
-def pose_of(scene: Scene, end: EndEffector) -> Table:
+def pose_of(scene: TapedModel, end: EndEffector) -> Table:
     """The link's axes at the point, 4×4, in the world."""
     attached = scene.model.mechanism.tree.attachments[end.link]
     placed = scene.recorded.frames[attached.joint] @ exact_placement(attached.placement)
@@ -153,14 +166,14 @@ def pose_of(scene: Scene, end: EndEffector) -> Table:
     return placed
 
 
-def jacobian_of(scene: Scene, pose: Table) -> Table:
+def jacobian_of(scene: TapedModel, pose: Table) -> Table:
     """J with twist (linear, angular) = J q̇ in world axes, of shape (6, n)."""
     rates = along(scene, pose[:3], "q")
     turned = np.einsum("ijk,lj->ilk", rates[:, :3], pose[:3, :3])
     return np.vstack([rates[:, 3], turned[2, 1], turned[0, 2], turned[1, 0]])
 
 
-def _sigma(scene: Scene) -> Table:
+def _sigma(scene: TapedModel) -> Table:
     return scene.inputs["x"][list(scene.own.dependent)]
 
 
@@ -168,6 +181,7 @@ QUANTITIES = {
     "sigma": Quantity("", (), _sigma),
     "closure": Quantity("", (), lambda scene: np.array(scene.recorded.closure, dtype=object)),
     "rho": Quantity("", (), lambda scene: scene.recorded.motion.rho),
+    "rho_dot": Quantity("", ("v",), _rho_dot),
     "v_free": Quantity("", ("v",), lambda scene: scene.recorded.motion.v_free),
     "bias": Quantity("", ("v",), lambda scene: scene.recorded.motion.bias),
     "x_rate": Quantity("", ("v",), lambda scene: scene.recorded.motion.x_rate),

@@ -16,13 +16,16 @@ from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.programs.instructions import Code
 from ccpin.programs.lowering import lowered
 from ccpin.programs.program import Port, Program
-from ccpin.programs.quantities import QUANTITIES, Scene, along, jacobian_of, pose_of, scene_of
+from ccpin.programs.quantities import QUANTITIES, TapedModel, along, jacobian_of, pose_of, taped_model
+from ccpin.programs.recording.constants import Parameter, parameters_of
 from ccpin.programs.recording.recorded_model import Numbering, numbering
 from ccpin.programs.recording.recorded_tree import Table
+from ccpin.programs.stepping import closure_and_slopes, stepped
 from ccpin.programs.tape import Expression, Node, Tape
 
 Given = Literal["closed", "near"]
 SAMPLES, _SPREAD, _TRIES = 32, 0.15, 400  # states about the reference at which pivots are chosen
+_BRIEF = 1e-3  # s, of a step
 CONVERGED = 1e-6  # of the last correction of σ, in the units of y: what is left after it is of the order of its square
 
 
@@ -36,25 +39,31 @@ def record(
     law: ControlLaw | None = None,
     points: Mapping[str, EndEffector] | None = None,
     near: State | None = None,
+    parameters: Sequence[str] = (),
 ) -> Program:
     """A straight-line program of quantities of a reduced model.
 
     Args:
         model: The reduced model.
         what: Names of quantities, in the order of the outputs: `"closure"` (φ, with ½(|p|² − 1) of quaternions that
-            depend), `"sigma"` (the numbers y that depend), `"rho"`, `"v_free"` (q̇′ = ρq̇), `"bias"` (ρ̇q̇),
-            `"x_rate"`, `"mass"` (D), `"mass_inverse"`, `"coriolis"` (C), `"velocity_force"` (Cq̇ + damping q̇),
+            depend), `"sigma"` (the numbers y that depend), `"rho"`, `"v_free"` (q̇′ = ρq̇), `"rho_dot"`, `"bias"`
+            (ρ̇q̇), `"x_rate"`, `"mass"` (D), `"mass_inverse"`, `"coriolis"` (C), `"velocity_force"` (Cq̇ + damping q̇),
             `"gravity"` (g), `"forward_dynamics"` (q̈), `"inverse_dynamics"` (u), `"generalized_force"` (τ), `"energy"`,
             `"torque"` and `"lyapunov"` of the `law`, and the names of `points` (position, with `NAME_rotation` and
-            `NAME_jacobian` beside it).
+            `NAME_jacobian` beside it). Alone: `"step"`, one of Runge and Kutta's of order 4 over h with u held, closed
+            at its end (q_next, y_next, v_next).
         given: What is known of a configuration. `"closed"`: q and the numbers y that depend on it; `"near"`: q and the
             y of a configuration near by on the same branch, from which σ(q) is found by a fixed number of steps.
         steps: Newton steps of σ; one more with the last matrix follows.
         derivatives: Of every quantity also its derivative by these of `"q"`, `"v"`, `"u"`, `"a"` (outputs `NAME_by_q`,
-            …), with the derivative's axis last; by q along tangent steps, with y moving along by ρ.
+            …), with the derivative's axis last; by q along tangent steps, with y moving along by ρ. Where q̇ is not the
+            rate of q's numbers, `step_by_q` is the tangent step that a change of the numbers is.
         law: The law of `"torque"` and `"lyapunov"`: none, PDSimpleGravity or PDFullGravity.
         points: End effectors by names of outputs.
         near: The State it is recorded about (pivots are chosen at states around it), default the reference.
+        parameters: Constants that become an input p: `"gravity"` (m/s²), `"mass:LINK"` (its inertia goes with it),
+            `"length:JOINT"` (from the joint before), `"length:CLOSURE/A"` or `/B` (of its frame on its body),
+            `"damping:JOINT"`, `"armature:JOINT"`, `"stiffness:JOINT"`.
 
     Raises:
         InvalidInputError: No such quantity, or one that lacks what it is of.
@@ -67,25 +76,70 @@ def record(
     reference = model.mechanism.q_reference
     state = model.at(model.alpha(reference), reference) if near is None else model.at(near)
     own = numbering(model, state.q_free)
-    scene = scene_of(model, own, state.q_free, law, ends)
+    symbols = parameters_of(model, tuple(parameters))
+    scene = taped_model(model, own, state.q_free, law, ends, symbols)
+    if asked == ("step",):
+        return _step(scene, state, symbols)
     outputs = _outputs(scene, asked, tuple(derivatives))
     inner = scene.tape.code([entry for table in outputs.values() for entry in table.ravel()])
-    ports = _input_ports(scene, _inputs_read(scene, inner))
+    ports = _input_ports(scene, _inputs_read(scene, inner), symbols)
     tape = Tape(sum(port.size for port in ports))
     at = dict(zip((port.name for port in ports), _split(tape.inputs, ports), strict=True))
     y, corrections = at["y"], np.empty(0, dtype=object)
     if given == "near":
         closure = scene.tape.code(scene.recorded.closure)
-        y, corrections = _newton(tape, own, closure, at["q"], y, whole(steps, "steps"))
+        y, corrections = _newton(tape, scene, closure, at, whole(steps, "steps"))
     results = tape.inlined(inner, _arguments(scene, at | {"y": y}))
-    samples = _samples(model, own, state, ports)
+    return _program(scene, asked, (ports, _output_ports(outputs)), (tape, results, corrections), state, symbols)
+
+
+def _program(
+    scene: TapedModel,
+    asked: Sequence[str],
+    ports: tuple[tuple[Port, ...], tuple[Port, ...]],
+    recorded: tuple[Tape, Sequence[Expression], Table],
+    about: State,
+    symbols: Sequence[Parameter],
+) -> Program:
+    """The program of outputs and corrections on a tape."""
+    tape, results, corrections = recorded
+    samples = _samples(scene.model, scene.own, about, ports[0], symbols)
     done = lowered(tape.code([*results, *corrections]), samples)
     count = len(corrections)
     shown = done.code._replace(outputs=done.code.outputs[: len(done.code.outputs) - count])
     return Program(
-        f"{model.mechanism.name}: {', '.join(asked)}", ports, _output_ports(outputs), shown, done.pivots,
+        f"{scene.model.mechanism.name}: {', '.join(asked)}", *ports, shown, done.pivots,
         done.code.outputs[len(done.code.outputs) - count :], CONVERGED if count else 0.0, tuple(samples[0].tolist()),
+        tuple(map(tuple, samples[1:].tolist())),
     )  # fmt: skip
+
+
+def _step(scene: TapedModel, about: State, symbols: Sequence[Parameter]) -> Program:
+    """One step of the motion (`stepping`)."""
+    q, y, *rest = _input_ports(scene, {"v", "u"}, symbols)
+    ports = (q, y, *rest, Port("h", (1,), "s", ("h",)))
+    tape = Tape(sum(port.size for port in ports))
+    at = dict(zip((port.name for port in ports), _split(tape.inputs, ports), strict=True))
+    step = stepped(scene, tape, at)
+    after = tuple(port._replace(name=f"{port.name}_next") for port in (q, y, rest[0]))
+    recorded = tape, [*step.q, *step.y, *step.v], step.correction
+    return _program(scene, ("step",), (ports, after), recorded, about, symbols)
+
+
+def configuration(state: State, near: State | None = None) -> dict[str, Array]:
+    """The numbers q and y of a State as programs take them, by the names of their inputs.
+
+    Args:
+        state: A State.
+        near: The State that a program was recorded about, default the reference: angles are counted in its turn.
+    """
+    model = instance(instance(state, "state", State).model, "state.model", ReducedModel)
+    own = numbering(model, model.mechanism.q_reference if near is None else near.q_free)
+    return dict(zip(("q", "y"), _halves(own, own.numbers(state.q_free)), strict=True))
+
+
+def _halves(own: Numbering, x: Array) -> tuple[Array, Array]:
+    return x[list(own.q.places)], x[list(own.dependent)]
 
 
 def _require_known(
@@ -101,13 +155,15 @@ def _require_known(
         InvalidInputError: One is not.
     """
     choice(given, "given", ("closed", "near"))
+    if "step" in asked and (len(asked) > 1 or derivatives or given != "closed"):
+        raise InvalidInputError("'step' is recorded alone, from a closed configuration, without derivatives")
     if not asked:
         raise InvalidInputError("nothing to record: name a quantity")
     for name in asked:
-        choice(name, "what", (*QUANTITIES, *ends))
+        choice(name, "what", (*QUANTITIES, "step", *ends))
     for name in derivatives:
         choice(name, "derivatives", ("q", "v", "u", "a"))
-    if clash := set(ends) & {*QUANTITIES, "x", "q", "y", "v", "u", "a", "status"}:
+    if clash := set(ends) & {*QUANTITIES, "step", "x", "q", "y", "v", "u", "a", "p", "h", "status"}:
         raise InvalidInputError(f"points cannot have the names of quantities: {', '.join(sorted(clash))}")
     if law is None and {"torque", "lyapunov"} & set(asked):
         raise InvalidInputError("'torque' and 'lyapunov' are a law's: give law=")
@@ -115,30 +171,36 @@ def _require_known(
         instance(end, f"points[{name!r}]", EndEffector)
 
 
-def _outputs(scene: Scene, asked: tuple[str, ...], derivatives: tuple[str, ...]) -> dict[str, Table]:
+def _outputs(scene: TapedModel, asked: tuple[str, ...], derivatives: tuple[str, ...]) -> dict[str, Table]:
     """Tables of expressions by the names of their outputs."""
     found = dict[str, Table]()
     for name in asked:
         if name in scene.points:
             pose = pose_of(scene, scene.points[name])
             found |= {name: pose[:3, 3], f"{name}_rotation": pose[:3, :3], f"{name}_jacobian": jacobian_of(scene, pose)}
+            if "q" in derivatives:
+                found |= {f"{name}_by_q": along(scene, pose[:3, 3], "q")}
+                found |= {f"{name}_rotation_by_q": along(scene, pose[:3, :3], "q")}
             continue
         quantity = QUANTITIES[name]
         found[name] = quantity.record(scene)
         for by in derivatives:
             if by == "q" or by in quantity.needs:
                 found[f"{name}_by_{by}"] = along(scene, found[name], by)
+    if "q" in derivatives and not scene.own.q.scalar:
+        moved = (scene.recorded.rates @ scene.recorded.motion.rho)[list(scene.own.q.places)]
+        found["step_by_q"] = scene.tape.solve(moved.T @ moved, moved.T)
     return found
 
 
-def _inputs_read(scene: Scene, code: Code) -> set[str]:
+def _inputs_read(scene: TapedModel, code: Code) -> set[str]:
     """Which of v, u, a an output depends on."""
     used = {number for item in code.instructions for number in item.operands} | set(code.outputs)
     return {name for name, nodes in scene.inputs.items() if used & {node.index for node in nodes}}
 
 
-def _input_ports(scene: Scene, reads: set[str]) -> tuple[Port, ...]:
-    """q and y, and what else is read."""
+def _input_ports(scene: TapedModel, reads: set[str], symbols: Sequence[Parameter]) -> tuple[Port, ...]:
+    """q and y, what else is read, and the parameters."""
     numbers = _names(scene)
     own, model = scene.own, scene.model
     ports = [_port("q", [numbers[k] for k in own.q.places]), _port("y", [numbers[k] for k in own.dependent])]
@@ -149,7 +211,14 @@ def _input_ports(scene: Scene, reads: set[str]) -> tuple[Port, ...]:
     return (
         *ports,
         *(Port(key, (len(entries[key]),), units[key], tuple(entries[key])) for key in "vua" if key in reads),
+        *_parameter_ports(symbols),
     )
+
+
+def _parameter_ports(symbols: Sequence[Parameter]) -> list[Port]:
+    """Port p, where there are parameters."""
+    units = ", ".join(dict.fromkeys(each.unit for each in symbols))
+    return [Port("p", (len(symbols),), units, tuple(each.name for each in symbols))] if symbols else []
 
 
 def _port(name: str, entries: list[tuple[str, str]]) -> Port:
@@ -165,7 +234,7 @@ def _spread(names: list[tuple[str, str]], size: int) -> list[str]:
     return plain if len(plain) == size else [str(k) for k in range(size)]
 
 
-def _names(scene: Scene) -> list[tuple[str, str]]:
+def _names(scene: TapedModel) -> list[tuple[str, str]]:
     """A name and a unit of every number of x."""
     found = list[tuple[str, str]]()
     tree = scene.model.mechanism.tree
@@ -198,51 +267,44 @@ def _split(nodes: Sequence[Node], ports: Sequence[Port]) -> list[Table]:
     return np.split(np.array(nodes, dtype=object), ends)
 
 
-def _arguments(scene: Scene, at: dict[str, Table]) -> list[Expression]:
+def _arguments(scene: TapedModel, at: dict[str, Table]) -> list[Expression]:
     """Values for the scene's inputs; 0 for those that nothing reads."""
     x = np.zeros(len(scene.own.near), dtype=object)
     x[list(scene.own.q.places)], x[list(scene.own.dependent)] = at["q"], at["y"]
-    others = [at.get(name, np.zeros(len(scene.inputs[name]), dtype=object)) for name in "vua"]
+    others = [at.get(name, np.zeros(len(scene.inputs[name]), dtype=object)) for name in "vuap"]
     return [*x, *(entry for each in others for entry in each)]
 
 
-def _newton(tape: Tape, own: Numbering, closure: Code, q: Table, y: Table, steps: int) -> tuple[Table, Table]:
+def _newton(tape: Tape, scene: TapedModel, closure: Code, at: dict[str, Table], steps: int) -> tuple[Table, Table]:
     """Y after so many Newton steps of φ(q, y) = 0 and one more with the last matrix; that last correction."""
-    alone = Tape(len(own.near))
-    rows = alone.inlined(closure, [*alone.inputs, *[0] * (closure.inputs - len(own.near))])
-    slopes = [alone.derivative(rows, {k: 1}) for k in own.dependent]
-    both = alone.code([*rows, *(entry for row in zip(*slopes, strict=True) for entry in row)])
-    m, correction, matrix = len(rows), y, None
+    y, correction, matrix = at["y"], at["y"], None
     for _ in range(steps):
-        values = np.array(tape.inlined(both, _placed(own, q, y)), dtype=object)
-        matrix = values[m:].reshape(m, m)
-        y = y - tape.solve(matrix, values[:m, None])[:, 0]
-    residual = np.array(tape.inlined(alone.code(rows), _placed(own, q, y)), dtype=object)
+        rows, matrix = closure_and_slopes(tape, closure, _arguments(scene, at | {"y": y}), scene.own.dependent)
+        y = y - tape.solve(matrix, rows[:, None])[:, 0]
+    residual = np.array(tape.inlined(closure, _arguments(scene, at | {"y": y})), dtype=object)
     correction = tape.solve(matrix, residual[:, None])[:, 0]
     return y - correction, correction
 
 
-def _placed(own: Numbering, q: Table, y: Table) -> list[Expression]:
-    x = np.zeros(len(own.near), dtype=object)
-    x[list(own.q.places)], x[list(own.dependent)] = q, y
-    return x.tolist()
-
-
-def _samples(model: ReducedModel, own: Numbering, about: State, ports: Sequence[Port]) -> Array:
+def _samples(
+    model: ReducedModel, own: Numbering, about: State, ports: Sequence[Port], symbols: Sequence[Parameter]
+) -> Array:
     """Inputs at closed states around one, itself first, of shape (N, inputs)."""
-    rng, found = np.random.default_rng(0), [_sample(own, about, ports, np.random.default_rng(1))]
+    held = {"p": np.array([each.value for each in symbols]), "h": np.array([_BRIEF])}
+    rng, found = np.random.default_rng(0), [_sample(own, about, ports, np.random.default_rng(1), held)]
     for _ in range(_TRIES):
         if len(found) == SAMPLES:
             break
         q = model.coordinates.integrate(about.q, _SPREAD * rng.uniform(-1.0, 1.0, model.n))
         try:
-            found.append(_sample(own, model.at(q, about), ports, rng))
+            found.append(_sample(own, model.at(q, about), ports, rng, held))
         except CcpinError:
             continue
     return np.array(found)
 
 
-def _sample(own: Numbering, state: State, ports: Sequence[Port], rng: np.random.Generator) -> Array:
-    x = own.numbers(state.q_free)
-    known = {"q": x[list(own.q.places)], "y": x[list(own.dependent)]}
+def _sample(
+    own: Numbering, state: State, ports: Sequence[Port], rng: np.random.Generator, held: dict[str, Array]
+) -> Array:
+    known = held | dict(zip(("q", "y"), _halves(own, own.numbers(state.q_free)), strict=True))
     return np.concatenate([known[p.name] if p.name in known else rng.uniform(-1.0, 1.0, p.size) for p in ports])

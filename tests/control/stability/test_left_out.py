@@ -18,6 +18,7 @@ def rough():
     return ccpin.ReducedModel(ccpin.load("rpdr", joints={"joint1": {"friction": 0.4}, "joint3": {"friction": 0.02}}))
 
 
+@pytest.mark.slow
 def test_set_points_with_dry_friction_are_where_motions_come_to_rest(rough):
     """A motion rests beside q_d, inside of 𝒬, where friction can hold ∇U; the certificate says that and no more."""
     law = PDSimpleGravity(rough, GOAL, K_P, K_V)

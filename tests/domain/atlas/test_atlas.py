@@ -491,6 +491,7 @@ def test_killed_run_is_resumed(rpdr, tmp_path):
     assert now[damaged] != kept[damaged]
 
 
+@pytest.mark.slow
 def test_interrupted_run_keeps_what_is_done(rpdr, tmp_path):
     """Ctrl-C ends the work, not the program: the partial atlas is certified, says so, and can be saved."""
     saved = tmp_path / "atlas.npz"

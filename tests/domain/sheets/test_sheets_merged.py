@@ -32,6 +32,7 @@ def torus(quarters):
     return merge(quarters)
 
 
+@pytest.mark.slow
 def test_four_quarters_are_the_torus(rpdr, quarters, torus):
     """Two sheets, glued across every seam and where the torus closes, with the closed form's number everywhere."""
     whole, merged = certify_sheets(rpdr, TORUS, max_depth=6), torus

@@ -79,6 +79,7 @@ def merged(quarters):
     return merge(quarters)
 
 
+@pytest.mark.slow
 def test_a_curve_across_seams_is_one(rpdr, quarters, merged):
     """Its pieces, in the quarters that the closed form has it in, are one chain, and all of these are on it."""
     q_free = of_five_bar(rpdr, RPDR, 40_000, 1, FOLD)
@@ -153,6 +154,7 @@ def test_curves_with_cusps_are_joined(count):
     assert missed(whole, q_free) == 0
 
 
+@pytest.mark.slow
 def test_listed_boxes_of_all_parts_are_listed():
     """Where a fold crosses itself on the seam both parts list boxes; so does the whole, and nothing is missed."""
     mechanism, region = load_five_bar(CROSSING), np.array([[-0.2, -0.2], [0.2, 0.2]])
@@ -273,6 +275,7 @@ def pieces(ring, ends, turned):
     return found
 
 
+@pytest.mark.slow
 def test_pieces_of_a_ring_are_a_ring(ring):
     """Three stretches that overlap, some of them the other way, with the fold beside: one ring, one open curve."""
     problem, whole, fold = ring
@@ -340,6 +343,7 @@ def test_boxes_about_pieces_hold_the_curve(ring, cusped, name, share):
     assert share > 0.1 or np.all(box.error <= 1.2 * off.max(axis=0) + 0.01 * half[:, None])
 
 
+@pytest.mark.slow
 def test_arcs_said_to_be_held_are_held(rpdr, ring):
     """Lemma J, of one ring in tubes followed from another start: all is held, but where three tubes are left out.
 
@@ -362,6 +366,7 @@ def test_arcs_said_to_be_held_are_held(rpdr, ring):
     assert np.array_equal(said, inside)
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path, capsys):
     """Parts saved by `ccpin domain --curves`, merged and verified; what cannot be merged said in words."""
     pytest.importorskip("flint")

@@ -68,6 +68,7 @@ def test_an_executor_does_not_change_the_cover(rpdr, alone):
         assert same(alone, domain.certify_singularities(rpdr, REGION, executor=pool))
 
 
+@pytest.mark.slow
 def test_chunks_of_any_size_say_the_same(rpdr, alone, monkeypatch):
     """A box is narrowed and settled as it is, whatever boxes and tubes come with it."""
     monkeypatch.setattr(box_tasks, "_CHUNK", 61)
@@ -92,6 +93,7 @@ def test_a_chunk_has_the_tubes_it_needs(rpdr, alone):
     assert np.all(np.any(tried, axis=0)[~expected])
 
 
+@pytest.mark.slow
 def test_after_an_interrupt_the_same_call_goes_on(rpdr, alone, tmp_path):
     """Ctrl-C in the middle leaves boxes; the same call finds the chunks that are done, and a third one all of them."""
     everything, waves = Counted(), []
@@ -114,6 +116,7 @@ def test_after_an_interrupt_the_same_call_goes_on(rpdr, alone, tmp_path):
     assert none.count == 0
 
 
+@pytest.mark.slow
 def test_chunks_are_those_of_their_own_closures(rpdr, tmp_path):
     """Another mechanism finds nothing in a folder, nor does another region."""
     domain.certify_singularities(rpdr, REGION, budget=2000, checkpoint=tmp_path)

@@ -96,6 +96,7 @@ def test_the_slope_and_its_drift():
             assert np.all(np.abs(equations.slope(point(moved))[0] - slope) <= drift + 1e-12)
 
 
+@pytest.mark.slow
 def test_a_fold_is_no_cusp(rpdr):
     """The five-bar's stretched loop is folded everywhere: nothing is proved from any of its points."""
     curves = domain.singularities(rpdr, starts=12)

@@ -148,6 +148,7 @@ def test_tubes_that_are_none(rpdr, monkeypatch, change):
     assert result.verify()
 
 
+@pytest.mark.slow
 def test_chains_that_are_not_glued(rpdr, honest, monkeypatch):
     """Without three tubes of a closed curve it is open, in whatever order tubes are handed on; the gap is told."""
     closed = next(curve for curve in honest.curves if curve.closed)
@@ -179,6 +180,7 @@ def test_work_that_is_said_to_be_over(rpdr, monkeypatch):
     assert len(result.uncovered.lower)
 
 
+@pytest.mark.slow
 def test_a_file_is_believed_until_it_is_replayed(rpdr, honest, tmp_path):
     """What it says is its word; replayed it is proved, or is not: without a curve, over more, with an odd chain."""
     path = tmp_path / "curves.npz"
@@ -228,6 +230,7 @@ def shifted(problem):
     return problem._replace(system=replace(problem.system, offset=problem.system.offset + 0.01))
 
 
+@pytest.mark.slow
 def test_parts_that_lack_a_curve(rpdr, honest):
     """Merged, they are looked at once more: what the one claims falsely is found."""
     middle = 1.6

@@ -255,6 +255,7 @@ def test_every_closure_kind(kind, form):
         assert found == pytest.approx(2.0**angles * 16.0**balls * abs(np.linalg.det(psi)), rel=1e-8)
 
 
+@pytest.mark.slow
 @every_form
 @settings(max_examples=25)
 @given(drawn=mechanisms(), seed=st.integers(0, 99))

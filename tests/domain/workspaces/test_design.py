@@ -83,6 +83,7 @@ def test_ankle_range_holds_in_closed_form(ankle):
     assert found.upper < 1.1 * found.half
 
 
+@pytest.mark.slow
 def test_a_limit_in_the_way_is_the_obstacle(ankle):
     """A motor kept within ±0.5 rad stops the range; the closed form has it there at the obstacle."""
     space = domain.JointSpace(ankle, ("pitch", "roll"))

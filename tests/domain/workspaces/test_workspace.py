@@ -269,6 +269,7 @@ def test_attack_with_many_points(stewart, delta, cube, rng):
         attack_delta(delta, ball.atlas, points)
 
 
+@pytest.mark.slow
 def test_the_roomiest_place_of_the_five_bar():
     """Without a centre: a square of joint angles as large as any is, by the closed form of the reach on a grid."""
     space, step = domain.JointSpace(ccpin.load("rpdr"), ("joint1", "joint2")), 0.02

@@ -70,6 +70,7 @@ _MOVES = (
     "validated/sets/test_move.py::test_bad_arrivals",
 )
 _DEFECT = ("validated/flow/test_sharp_defect.py",)
+_TAPES = "programs/test_tape.py"
 _PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
     Room(
@@ -133,12 +134,15 @@ ROOMS: tuple[Room, ...] = (
             "Tape.reciprocal",
             "Tape.angle",
             "Tape.derivative",
+            "Tape.inlined",
+            "Tape.copied",
+            "Tape._solution_slope",
             "Tape.code",
             "Tape._slope",
             "Tape._record",
             "is_zero",
         ),
-        _PROGRAMS,
+        (*_PROGRAMS, _TAPES),
         (("not isinstance(value, Node) and", "not asked: not isinstance", "a node equals no number"),),
     ),
     Room(
@@ -211,6 +215,7 @@ ROOMS: tuple[Room, ...] = (
             "rates",
             "closure_rows",
             "_coupling_row",
+            "_own_ends",
             "_loop_rows",
             "_SNAP",
         ),
@@ -231,12 +236,11 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "validated/model/closed_loop",
-        ("recorded_loop", "_upright", "_freely_moved", "_independent_rows", "_sprung", "_unit_lengths"),
+        ("recorded_loop", "_upright", "_freely_moved"),
         _RECORDED,
         (
             ("if told is not None and not told.idle", "not asked: not", "asks for more than is needed"),
             ("if told is not None and not told.idle", "not asked: told", "a law that says nothing is refused before"),
-            ("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),
         ),
     ),
     Room(
@@ -250,7 +254,13 @@ ROOMS: tuple[Room, ...] = (
         (*_RECORDED, _RANDOM),
     ),
     Room("validated/model/configurations", ("on_manifold", "unwound", "configuration"), (*_RECORDED, _RANDOM)),
-    Room("programs/folding", ("folded",), (*_RECORDED, *_PROGRAMS)),
+    Room(
+        "programs/recording/recorded_model",
+        ("Numbering.dependent", "numbering", "recorded_model", "_independent_rows", "_unit_lengths"),
+        _RECORDED,
+        (("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),),
+    ),
+    Room("programs/folding", ("folded",), (*_PROGRAMS, _TAPES)),
     Room(
         "programs/recording/ball_joints",
         ("BallTurn.relative", "ball_at", "turns_of", "turn_rows", "turn_rates"),

@@ -274,3 +274,23 @@ def test_what_reads_the_models_state_ends_where_its_coordinates_do(watched):
     assert (motion.status, motion.changes) == ("singular", 0)
     assert "events, a region, limits or contacts are looked for" in motion.message
     assert motion.closure_error.max() <= 1e-10
+
+
+@in_core
+def test_a_law_of_a_kind_that_the_core_does_not_know_runs_as_a_function_does(rpdr_model):
+    """The motion is that of the same law where it states nothing."""
+
+    class Sliding(ccpin.control.PDSimpleGravity):
+        def statement(self):
+            return super().statement()._replace(kind="sliding")
+
+    class Silent(ccpin.control.PDSimpleGravity):
+        def statement(self):
+            return None
+
+    start = rpdr_model.alpha(rpdr_model.mechanism.q_reference)
+    of_kind, silent = (
+        ccpin.simulate(rpdr_model, law(rpdr_model, start, 6.0, 0.6), start + 0.1, duration=0.1)
+        for law in (Sliding, Silent)
+    )
+    np.testing.assert_array_equal(of_kind.q, silent.q)

@@ -74,6 +74,7 @@ def test_seeds_belong_to_cases():
     assert sweep(drawn, cases, seed=8).table()["noise"] != serial.table()["noise"]
 
 
+@pytest.mark.slow
 @same_on_both
 def test_a_dask_cluster_gives_the_same_table():
     """Any executor computes the same rows."""

@@ -92,6 +92,7 @@ def test_jets_are_derivatives(loop, rpdr_model):
         np.testing.assert_allclose(found.bend.mid[k, 4:], bend / 4e-8, rtol=0, atol=1e-5 * np.abs(bend).max() / 4e-8)
 
 
+@pytest.mark.slow
 def test_jets_over_a_box_hold_those_at_its_points(loop):
     """Values and derivatives at random states of a box lie in the box's, which are not much wider than they must be."""
     v, rng = np.array([[4.0, -3.0], [1.0, 6.0], [-2.0, 0.5]]), np.random.default_rng(1)

@@ -15,6 +15,7 @@ from ccpin.validated.sets.subdivision import Starts
 from ccpin.validated.sets.tube_theorem import CrossSection
 from tests.oracles import rpdr as oracle
 from tests.support.enclosures import FREE, accurately, paper_law
+from tests.support.long_cases import later
 from tests.support.paper import START
 
 QUICK = {"order": 12, "tolerance": 1e-12, "pieces": 2, "precision": 64, "cells": 2, "parts": 1}
@@ -73,7 +74,7 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize("name", CHANGES)
+@pytest.mark.parametrize("name", later(*CHANGES))
 def test_slices_from_other_cross_sections(rpdr_model, law, monkeypatch, true, name):
     """Each is proved, and they do not make the tube."""
     slices_changed(monkeypatch, CHANGES[name])
@@ -82,6 +83,7 @@ def test_slices_from_other_cross_sections(rpdr_model, law, monkeypatch, true, na
     assert true(found)
 
 
+@pytest.mark.slow
 def test_frames_and_room_that_are_chosen_badly(rpdr_model, law, monkeypatch, true):
     """What is proved with them is wider, or nothing."""
     for change in ({"rate": 0.0}, {"curve": 30.0}, {"room": 0.5}, {"frame": 1.25}):
@@ -105,6 +107,7 @@ def test_first_sections_that_leave_starts_out(rpdr_model, law, monkeypatch):
     assert "end with" in found.reason
 
 
+@pytest.mark.slow
 def test_samples_that_are_not_read(rpdr_model, law, monkeypatch):
     """The tube goes on with the efforts held before; or with what the law makes of a smaller section."""
     period = {"period": 2.0**-9, "spread": (1e-3, 0.01)}
@@ -142,7 +145,7 @@ def held_changed(monkeypatch, change):
     )
 
 
-@pytest.mark.parametrize("name", LEFT_OUT)
+@pytest.mark.parametrize("name", later(*LEFT_OUT))
 def test_tubes_with_a_gap(rpdr_model, law, monkeypatch, name):
     monkeypatch.setattr(propagation, "_AT_ONCE", 8)
     held_changed(monkeypatch, LEFT_OUT[name])
@@ -150,6 +153,7 @@ def test_tubes_with_a_gap(rpdr_model, law, monkeypatch, name):
     assert (found.verdict, found.tubes[0].slices) == ("undecided", ())
 
 
+@pytest.mark.slow
 def test_a_tube_that_ends_early_is_not_the_whole(rpdr_model, law, monkeypatch, true):
     monkeypatch.setattr(propagation, "_AT_ONCE", 8)
     held_changed(monkeypatch, lambda slices: slices[:-1])
@@ -159,6 +163,7 @@ def test_a_tube_that_ends_early_is_not_the_whole(rpdr_model, law, monkeypatch, t
     assert true(found)
 
 
+@pytest.mark.slow
 def test_slices_round_another_motion(rpdr_model, law, monkeypatch, honest):
     """Of another gain; of a motion that is not this one."""
     other = enclosed(rpdr_model, paper_law(rpdr_model, [11.0 * (1 + 1e-9), 11.0]))
@@ -200,6 +205,7 @@ def test_tubes_are_about_what_was_asked(rpdr_model, law, honest):
     assert replace(tube, held=None, asked=0.0).verdict == "undecided"
 
 
+@pytest.mark.slow
 def test_sets_are_about_what_was_asked(rpdr_model, law, honest):
     starts = honest.starts
     other = enclosed(rpdr_model, paper_law(rpdr_model, [11.5, 11.0]))
@@ -231,6 +237,7 @@ def test_sets_are_about_what_was_asked(rpdr_model, law, honest):
     assert replace(sent.tubes[0], held=None).replay().verdict == "undecided"
 
 
+@pytest.mark.slow
 def test_parts_that_leave_starts_out(rpdr_model, law, monkeypatch):
     """Halves that are smaller, or apart, by a little; a half that is told to be the whole."""
     grown = subdivision._grown
@@ -265,6 +272,7 @@ def test_parts_that_leave_starts_out(rpdr_model, law, monkeypatch):
         assert "not in its tube" in false.reason
 
 
+@pytest.mark.slow
 def test_a_covering_with_a_tube_left_out(rpdr_model, law, monkeypatch):
     search = set_enclosure.cover
     for change in (

@@ -115,6 +115,7 @@ def test_stiff_loops_in_lohners_frames(name):
         assert all(found.contains(t, *state, 1e-6) for t, *state in zip(sample.t, sample.q, sample.v, strict=True))
 
 
+@pytest.mark.slow
 def test_dampers_in_the_joints_are_in_the_tube(short):
     """A plant with viscous joints has its own tube, which holds its motions and not the frictionless ones'."""
     damping = {name: {"damping": 0.3} for name in ("joint1", "joint2")}
@@ -175,6 +176,7 @@ def test_parts_cover_the_starts():
         assert any(np.all(np.abs(start - np.append(p.q, p.v)) <= p.spread) for p in parts)
 
 
+@pytest.mark.slow
 def test_a_set_too_large_is_cut_and_one_that_stays_too_large_is_undecided(rpdr_model):
     """What one tube does not hold is cut; with no parts left the answer is undecided and says where and why."""
     law = paper_law(rpdr_model)

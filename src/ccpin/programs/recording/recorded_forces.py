@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import cross
-from ccpin.kinematics.tree import Tree
 from ccpin.programs.recording.ball_joints import BallTurn
+from ccpin.programs.recording.constants import Constants
 from ccpin.programs.recording.recorded_coordinates import StateLayout
-from ccpin.programs.recording.recorded_tree import ExactJoint, Table, exact, rational, unit_axes
-from ccpin.programs.tape import Expression, Tape
+from ccpin.programs.recording.recorded_tree import ExactJoint, Table, rational, unit_axes
+from ccpin.programs.tape import Expression, Tape, is_zero
 
 
 class ClosureTerms(NamedTuple):
@@ -73,22 +73,21 @@ def closure_terms(
 
 def dynamic_terms(
     tape: Tape,
-    tree: Tree,
+    constants: Constants,
     joints: Sequence[ExactJoint],
     frames: dict[int, Table],
     motion: ClosureTerms,
     state: tuple[Table, Table],
-    gravity: Table,
 ) -> DynamicTerms:
     """D, bias force, gravity's force and energies, body by body and joint by joint, without springs."""
-    v = state[1]
+    v, gravity = state[1], constants.gravity()
     n = len(v)
     mass, bias, weight = (np.zeros(shape, dtype=object) for shape in ((n, n), n, n))
     potential: Expression = 0
     for joint, body in zip(joints, _body_rates(tape, joints, frames, motion), strict=True):
         rotation, position = frames[joint.number][:3, :3], frames[joint.number][:3, 3]
-        inertia = tree.model.inertias[joint.number]
-        m, tensor, lever = rational(inertia.mass), exact(inertia.inertia), rotation @ exact(inertia.lever)
+        m, local, tensor = constants.body(tape, joint)
+        lever = rotation @ local
         partial = body.velocity[:n] + cross(body.omega[:n], lever)
         turns = body.omega @ rotation
         turning, omega, alpha = turns[:n], turns[n], body.alpha @ rotation
@@ -99,31 +98,35 @@ def dynamic_terms(
         weight = weight - (partial @ gravity) * m
         bias = bias + (partial @ acceleration) * m + turning @ moment
         mass = mass + (partial @ partial.T) * m + turning @ tensor @ turning.T
-        stated = tree.joints[joint.number - 1].stated
+        damping = constants.damping(joint)
         for place in range(joint.v.start, joint.v.stop):
-            row, rotor = motion.rho[place], rational(tree.model.armature[place])
+            row, rotor = motion.rho[place], constants.armature(joint, place)
             mass = mass + np.outer(row, row) * rotor
             bias = bias + row * rotor * motion.bias[place]
-            if stated.damping:
-                bias = bias + row * (rational(stated.damping) * motion.v_free[place])
+            if not is_zero(damping):
+                bias = bias + row * (motion.v_free[place] * damping)
     mass = np.tril(mass) + np.tril(mass, -1).T  # equal expressions: recorded once
     return DynamicTerms(mass, bias + weight, weight, rational(0.5) * (v @ (mass @ v)), potential)
 
 
 def with_springs(
-    tape: Tape, terms: DynamicTerms, tree: Tree, sprung: Sequence[ExactJoint | BallTurn], x: Table, rho: Table
+    tape: Tape,
+    terms: DynamicTerms,
+    constants: Constants,
+    sprung: Sequence[tuple[ExactJoint | BallTurn, float]],
+    x: Table,
+    rho: Table,
 ) -> DynamicTerms:
     """The terms with the joints' springs: ½ k (θ − θ₀)², and ½ k |r|² of balls, whose moment is k r."""
     potential, weight, half = terms.potential, np.zeros(rho.shape[1], dtype=object), rational(0.5)
-    for each in sprung:
+    for each, reference in sprung:
         joint = each.joint if isinstance(each, BallTurn) else each
-        stated = tree.joints[joint.number - 1].stated
         if isinstance(each, BallTurn):
             vector, cosine = each.relative(tape, x)
             stretch = vector * tape.gain(tape.node(cosine))
         else:
-            stretch = np.array([x[joint.x.start] - rational(stated.spring_reference)], dtype=object)
-        pull = stretch * rational(stated.stiffness)
+            stretch = np.array([x[joint.x.start] - rational(reference)], dtype=object)
+        pull = stretch * constants.stiffness(joint)
         potential = potential + half * (pull @ stretch)
         weight = weight + pull @ rho[joint.v]
     return terms._replace(potential=potential, gravity=terms.gravity + weight, bias=terms.bias + weight)

@@ -10,7 +10,6 @@ configuration that it is recorded about.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +17,8 @@ from scipy.linalg import qr
 
 from ccpin.arrays import Array
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.kinematics.tree import Tree
 from ccpin.programs.recording.ball_joints import BallAngle, BallTurn, ball_at, turn_rates, turn_rows, turns_of
+from ccpin.programs.recording.constants import Constants
 from ccpin.programs.recording.recorded_coordinates import StateLayout, layout_of, numbers_of
 from ccpin.programs.recording.recorded_forces import (
     ClosureTerms,
@@ -32,7 +31,6 @@ from ccpin.programs.recording.recorded_tree import (
     ExactJoint,
     Table,
     closure_rows,
-    exact,
     exact_joints,
     poses,
     rates,
@@ -99,20 +97,30 @@ def numbering(model: ReducedModel, near: Array) -> Numbering:
 
 
 def recorded_model(
-    tape: Tape, model: ReducedModel, held: Numbering, state: tuple[Table, Table], near: Array
+    tape: Tape,
+    model: ReducedModel,
+    held: Numbering,
+    state: tuple[Table, Table],
+    near: Array,
+    constants: Constants | None = None,
 ) -> RecordedModel:
     """Record a mechanism over inputs (x, q̇) of a tape; rows of φ are chosen at a configuration of shape (nq,)."""
     mechanism, constraints = model.mechanism, model.parametrization.constraints
-    joints, turns, (x, _) = held.joints, held.turns, state
-    rows = closure_rows(tape, constraints, joints, x, held.near)
+    constants = Constants(model) if constants is None else constants
+    joints, turns, (x, _) = constants.joints(held.joints), held.turns, state
+    rows = closure_rows(tape, constraints, joints, x, held.near, constants.ends)
     kept, others = _independent_rows(model, near)
     phi = [rows[k] for k in kept]
     table = np.vstack([rates(tape, joints, x), turn_rates(tape, turns, x, mechanism.n_free)])
     motion = closure_terms(tape, phi, state, table, held.q)
     frames = poses(tape, joints, x)
-    terms = dynamic_terms(tape, mechanism.tree, joints, frames, motion, state, exact(model.gravity_vector))
-    sprung = _sprung(joints, mechanism.tree, held.near)
-    terms = with_springs(tape, terms, mechanism.tree, sprung, x, motion.rho)
+    terms = dynamic_terms(tape, constants, joints, frames, motion, state)
+    stiff = [joint for joint in joints if constants.sprung(joint)]
+    references = [mechanism.tree.joints[joint.number - 1].stated.spring_reference for joint in stiff]
+    sprung = [
+        ball_at(joint, np.array([0.0, 0.0, 0.0, 1.0]), held.near) if joint.kind.unit else joint for joint in stiff
+    ]
+    terms = with_springs(tape, terms, constants, list(zip(sprung, references, strict=True)), x, motion.rho)
     closure = [*phi, *_unit_lengths(joints, x, held.dependent), *turn_rows(tape, turns, x)]
     balls = (*(turn.ball for turn in turns), *(each for each in sprung if isinstance(each, BallTurn)))
     return RecordedModel(rows, kept, others, closure, table, motion, frames, terms, balls)
@@ -125,12 +133,6 @@ def _independent_rows(model: ReducedModel, near: Array) -> tuple[list[int], list
         return list(range(rank)), []
     order = qr(constraints.value(near).jacobian.T, mode="r", pivoting=True)[1].tolist()
     return sorted(order[:rank]), sorted(order[rank:])
-
-
-def _sprung(joints: Sequence[ExactJoint], tree: Tree, near: Array) -> list[ExactJoint | BallTurn]:
-    """The joints with springs; of balls their turn from no rotation."""
-    stiff = (joint for joint in joints if tree.joints[joint.number - 1].stated.stiffness)
-    return [ball_at(joint, np.array([0.0, 0.0, 0.0, 1.0]), near) if joint.kind.unit else joint for joint in stiff]
 
 
 def _unit_lengths(joints: tuple[ExactJoint, ...], x: Table, dependent: tuple[int, ...]) -> list[Expression]:

@@ -15,7 +15,7 @@ Vectors and matrices of expressions are NumPy arrays of objects; a factor that i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 from operator import matmul
 from typing import Any, NamedTuple
@@ -171,17 +171,22 @@ def rates(tape: Tape, joints: Sequence[ExactJoint], x: Table) -> Table:
 
 
 def closure_rows(
-    tape: Tape, constraints: Constraints, joints: Sequence[ExactJoint], x: Table, near: Array | None = None
+    tape: Tape,
+    constraints: Constraints,
+    joints: Sequence[ExactJoint],
+    x: Table,
+    near: Array | None = None,
+    ends: Callable[[ResolvedClosure], tuple[Table, Table]] | None = None,
 ) -> list[Expression]:
     """φ, row by row in the order of `Constraints`; directions and lengths are the exact doubles of its rows.
 
     Couplings of continuous joints hold modulo an angle: their rows are less the multiple of it that is nearest at the
-    numbers `near` (default none).
+    numbers `near` (default none). `ends` are a closure's frames on its bodies, default its own.
     """
     rows: list[Expression] = []
     frames = {root: poses(tape, joints, x, root) for root in {loop.ancestor: None for loop in constraints.loops}}
     for loop in constraints.loops:
-        rows += _loop_rows(loop, frames[loop.ancestor])
+        rows += _loop_rows(loop, frames[loop.ancestor], (ends or _own_ends)(loop))
     places = {joint.q.start: joint.x.start for joint in joints}
     rows += [_coupling_row(coupling, x, places, near) for coupling in constraints.couplings]
     return rows
@@ -203,12 +208,13 @@ def _coupling_row(coupling: ResolvedCoupling, x: Table, places: dict[int, int], 
     return total - turns * rational(coupling.modulus)
 
 
-def _loop_rows(loop: ResolvedClosure, frames: dict[int, Table]) -> list[Expression]:
+def _own_ends(loop: ResolvedClosure) -> tuple[Table, Table]:
+    return exact_placement(loop.frame_a), exact_placement(loop.frame_b)
+
+
+def _loop_rows(loop: ResolvedClosure, frames: dict[int, Table], held: tuple[Table, Table]) -> list[Expression]:
     """The rows of one loop."""
-    ends = {
-        "A": frames[loop.joint_a] @ exact_placement(loop.frame_a),
-        "B": frames[loop.joint_b] @ exact_placement(loop.frame_b),
-    }
+    ends = {"A": frames[loop.joint_a] @ held[0], "B": frames[loop.joint_b] @ held[1]}
 
     def value(vector: Vector) -> Table:
         if isinstance(vector, Gap):

@@ -11,10 +11,12 @@ from ccpin.arrays import Array
 from ccpin.control.statements import Statement
 from ccpin.dynamics.reduced_model import ReducedModel
 
+_KINDS = ("constant", "pd", "pd_gravity", "computed_torque", "pd_plus")  # the core knows these
+
 
 def law_numbers(model: ReducedModel, law: Statement | None) -> dict[str, Any] | None:
     """A law of a plant in plain numbers; ``None`` where the core has none for it."""
-    if law is None:
+    if law is None or law.kind not in _KINDS:
         return None
     if law.idle:
         return constant_law(np.zeros(model.n_actuated))

@@ -65,6 +65,7 @@ def test_cells_left_out(model, square, steepest, monkeypatch, kept):
     assert proven(model, square) == np.inf
 
 
+@pytest.mark.slow
 def test_halves_lost(model, square, steepest, monkeypatch):
     """Of a cell that is halved one half is kept, twice."""
     honest = CellStore.halve_proved

@@ -52,6 +52,7 @@ def _stopped_after(cells, how):
     return told
 
 
+@pytest.mark.slow
 def test_interrupted_it_keeps_what_it_proved():
     """After Ctrl-C the level so far stands: no higher than with all the time, and its motions are as certified."""
     law, whole, _ = _case("rpdr")
@@ -258,6 +259,7 @@ def _outer_points(certificate, rng):
     return found
 
 
+@pytest.mark.slow
 def test_one_coordinate_against_the_well_itself():
     """Slider-crank: c is U at the nearest place where |∂g/∂q| reaches K_p, found by bisection on the model."""
     model = ccpin.ReducedModel(ccpin.load("slider_crank"))

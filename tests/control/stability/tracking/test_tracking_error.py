@@ -97,6 +97,7 @@ def test_other_mechanisms(name):
         assert_within(proof, law, ccpin.simulate(model, WithWrongSigma(law, error), start, **RUN | {"duration": 0.35}))
 
 
+@pytest.mark.slow
 @one_law
 def test_a_start_that_is_off(law_class):
     """Errors at the corners of what is allowed at t = 0 die out within the bound, and the bound with them."""
@@ -155,6 +156,7 @@ def test_holding_a_set_point(law_class):
     assert assert_within(proof, law, ccpin.simulate(law.model, worst, GOAL, **RUN))[0] > 0.3 * proof.error[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", later(3, 5))
 def test_waypoints(degree):
     """A spline of several pieces, of degree three and five."""
@@ -222,6 +224,7 @@ def test_floor_is_below():
             assert np.linalg.eigvalsh(np.linalg.inv(size) @ (some - lowest) @ np.linalg.inv(size))[0] > 0.0
 
 
+@pytest.mark.slow
 def test_newton_from_sample_to_sample():
     """As many Newton steps as are said to suffice, from any σ of the sample before, leave less than ε; so does |φ|."""
     law = law_for(ComputedTorque)
@@ -244,6 +247,7 @@ def test_newton_from_sample_to_sample():
         certificate(ComputedTorque, 1e-3).on_line(0.5)
 
 
+@pytest.mark.slow
 def test_the_largest_error_of_sigma():
     """It is proved, and a tenth more is not."""
     law = law_for(ComputedTorque)

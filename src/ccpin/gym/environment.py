@@ -1,4 +1,4 @@
-"""A mechanism as a Gymnasium environment: a `Simulator` that holds an action for a period (extra ``gym``).
+"""A mechanism as a Gymnasium environment: a `Simulator` that holds an action for a period.
 
     env = ccpin.gym.MechanismEnv("rpdr", lambda sample, action: -float(sample.v @ sample.v), horizon=500)
 
@@ -12,12 +12,13 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any, ClassVar
 
+import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ccpin.arrays import Array, positive
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
-from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.errors import InvalidInputError
 from ccpin.mechanism.loading.loader import load
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.wireframe import outline, plane_of_motion
@@ -26,14 +27,6 @@ from ccpin.simulation.events.samples import StateSample
 from ccpin.simulation.integration.simulator import Simulator
 from ccpin.visualization import view
 from ccpin.visualization.live import Viewer
-
-try:
-    import gymnasium
-except ImportError:
-    raise CcpinError("ccpin.gym needs gymnasium: pip install 'ccpin[gym]'") from None
-
-__all__ = ["MechanismEnv"]
-__dir__ = __all__.copy
 
 _MODES = ("human", "rgb_array")
 
@@ -90,7 +83,7 @@ class MechanismEnv(gymnasium.Env):  # type: ignore[misc]
         self._viewer: Viewer | None = None
         size = model.nq + model.n
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float64)
-        self.action_space = gymnasium.spaces.Box(*_bounds(model, effort), dtype=np.float64)
+        self.action_space = gymnasium.spaces.Box(*effort_bounds(model, effort), dtype=np.float64)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -142,7 +135,7 @@ def _observed(sample: StateSample) -> NDArray[np.float64]:
     return np.concatenate([sample.q, sample.v])
 
 
-def _bounds(model: ReducedModel, effort: ArrayLike | None) -> tuple[Array, Array]:
+def effort_bounds(model: ReducedModel, effort: ArrayLike | None) -> tuple[Array, Array]:
     """Least and largest u."""
     motors = model.mechanism.motors
     if effort is not None:

@@ -1,0 +1,119 @@
+"""A recorded program taken apart: values, the derivatives that belong to them, and which are 0."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from ccpin.arrays import choice
+from ccpin.errors import InvalidInputError
+from ccpin.programs.evaluation import values_of
+from ccpin.programs.folding import Arithmetic, folded
+from ccpin.programs.instructions import CONSTANT
+from ccpin.programs.program import SMALL_PIVOT, Port, Program
+
+_DOUBLES = Arithmetic(lambda value: value, math.sqrt, lambda a: 1 / a, math.atan2)
+STEP = "step_by_q"  # the tangent step that a change of q's numbers is, where q̇ is not their rate
+
+
+class Differentiated(NamedTuple):
+    """What a program computes, and what it was recorded to have as derivatives.
+
+    Attributes:
+        values: It without derivatives.
+        slopes: It with derivatives alone; none where one is lacking.
+        blocks: The name of ∂(output)/∂(input) among those, by their places; what is not there is 0.
+        missing: Derivatives that were not recorded.
+    """
+
+    values: Program
+    slopes: Program | None
+    blocks: dict[tuple[int, int], str]
+    missing: tuple[str, ...]
+
+
+def parts_of(program: Program, outputs: str | Sequence[str] | None = None) -> Differentiated:
+    """Values and derivatives of a program, or of some of its outputs."""
+    names, inputs = {port.name for port in program.outputs}, [port.name for port in program.inputs]
+    of = {f"{port.name}_by_{key}" for port in program.outputs for key in inputs} & names | ({STEP} & names)
+    shown = [port.name for port in program.outputs if port.name not in of]
+    if outputs is not None:
+        asked = {
+            choice(name, "outputs", tuple(shown)) for name in ((outputs,) if isinstance(outputs, str) else outputs)
+        }
+        shown = [name for name in shown if name in asked]
+    blocks, missing = dict[tuple[int, int], str](), list[str]()
+    for k, name in enumerate(shown):
+        reads = _reads(program, name)
+        for j, key in enumerate(inputs):
+            if (word := f"{name}_by_{key}") in of:
+                blocks[k, j] = word
+            elif key != "y" and (key in reads or (key == "q" and "y" in reads)):
+                missing.append(word)
+    used = {*blocks.values(), *(names & {STEP})}
+    return Differentiated(
+        restricted(program, shown), None if missing else restricted(program, used), blocks, tuple(missing)
+    )
+
+
+def restricted(program: Program, names: Collection[str]) -> Program:
+    """It with some of its outputs, in its order; the status stays what it was."""
+    ports, results, first = list[Port](), list[int](), 0
+    for port in program.outputs:
+        if port.name in names:
+            ports.append(port)
+            results += program.code.outputs[first : first + port.size]
+        first += port.size
+    needed = _ancestors(program, [*results, *program.corrections, *(pivot.number for pivot in program.pivots)])
+    kept = tuple(item for item in program.code.instructions if item.target in needed)
+    return replace(program, outputs=tuple(ports), code=program.code._replace(instructions=kept, outputs=tuple(results)))
+
+
+def lacking(missing: Sequence[str]) -> InvalidInputError:
+    """Why a function has no derivatives."""
+    keys = sorted({word.rpartition("_by_")[2] for word in missing})
+    return InvalidInputError(
+        f"derivatives were not recorded: {', '.join(missing)}; record with derivatives={(*keys,)} or more"
+    )
+
+
+def evaluated(program: Program, columns: Sequence[Any], module: Any) -> tuple[list[Any], Any]:
+    """Entries of the outputs, and whether they can be trusted, at entries of the inputs in a module's arithmetic."""
+    watched = [*program.corrections, *(pivot.number for pivot in program.pivots)]
+    shown = program.code.outputs
+    code = folded(program.code._replace(outputs=(*shown, *watched)), _DOUBLES)
+    values = values_of(code, columns, module)
+    trusted = module.true
+    constant = {item.target for item in code.instructions if item.kind == CONSTANT}
+    for pivot in program.pivots:
+        if pivot.number not in constant:
+            trusted = module.both(trusted, module.abs(values[pivot.number]) > SMALL_PIVOT * pivot.scale)
+    if program.corrections:
+        moved = sum(values[number] * values[number] for number in program.corrections)
+        trusted = module.both(trusted, moved <= program.tolerance**2)
+    return [values[number] for number in shown], trusted
+
+
+def _reads(program: Program, name: str) -> set[str]:
+    """The inputs that an output depends on."""
+    code = restricted(replace(program, pivots=(), corrections=()), [name]).code
+    used = {number for item in code.instructions for number in item.operands} | set(code.outputs)
+    found, first = set[str](), 0
+    for port in program.inputs:
+        if used & set(range(first, first + port.size)):
+            found.add(port.name)
+        first += port.size
+    return found
+
+
+def _ancestors(program: Program, stack: list[int]) -> set[int]:
+    """What values depend on, themselves included."""
+    defined, found = {item.target: item for item in program.code.instructions}, set[int]()
+    while stack:
+        number = stack.pop()
+        if number not in found:
+            found.add(number)
+            stack.extend(defined[number].operands if number in defined else ())
+    return found

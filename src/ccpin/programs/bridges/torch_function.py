@@ -1,0 +1,118 @@
+"""Programs as functions of PyTorch's tensors, with an `autograd.Function` of recorded derivatives.
+
+Tensors of a processor are run in lanes; on other devices programs are written out in PyTorch's operations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import torch
+
+from ccpin.errors import InvalidInputError
+from ccpin.programs.bridges.differentiated import STEP, Differentiated, evaluated, lacking, parts_of
+from ccpin.programs.bridges.row_programs import RowProgram, in_order, leading
+from ccpin.programs.program import Program
+
+_TORCH = SimpleNamespace(
+    sin=torch.sin, cos=torch.cos, sqrt=torch.sqrt, arctan2=torch.atan2, arccos=torch.acos,
+    minimum=lambda a, b: torch.clamp(a, max=b), maximum=lambda a, b: torch.clamp(a, min=b), where=torch.where,
+    abs=torch.abs, both=lambda a, b: b if a is True else a & b, true=True,
+)  # fmt: skip
+
+
+def function_of(program: Program, outputs: str | Sequence[str] | None = None) -> Callable[..., dict[str, Any]]:
+    """A program as a function of tensors (…, *shape); a dictionary of tensors (…, *shape)."""
+    parts = parts_of(program, outputs)
+    names = [port.name for port in parts.values.outputs]
+    value = _runner(parts.values)
+    slope = None if parts.slopes is None else _runner(parts.slopes)
+
+    class RecordedSlopes(torch.autograd.Function):  # type: ignore[misc]
+        @staticmethod
+        def forward(ctx: Any, *tensors: Any) -> Any:
+            if slope is None:
+                raise lacking(parts.missing)
+            return tuple(slope(tensors))
+
+        @staticmethod
+        def backward(ctx: Any, *weights: Any) -> Any:
+            raise InvalidInputError(f"second derivatives of '{program.name}' are not recorded")
+
+    class Recorded(torch.autograd.Function):  # type: ignore[misc]
+        @staticmethod
+        def forward(ctx: Any, *tensors: Any) -> Any:
+            ctx.save_for_backward(*tensors)
+            return tuple(value(tensors))
+
+        @staticmethod
+        def backward(ctx: Any, *weights: Any) -> Any:
+            return _pulled(parts, RecordedSlopes.apply(*ctx.saved_tensors), weights, ctx.saved_tensors)
+
+    def called(*placed: Any, **named: Any) -> dict[str, Any]:
+        tensors = [torch.as_tensor(value) for value in in_order(program, placed, named)]
+        batch, kind = leading(program, [tuple(tensor.shape) for tensor in tensors]), _kind(tensors)
+        pairs = zip(tensors, program.inputs, strict=True)
+        wide = [tensor.to(kind).expand(*batch, *port.shape) for tensor, port in pairs]
+        return dict(zip(names, Recorded.apply(*wide), strict=True))
+
+    return called
+
+
+def _kind(tensors: list[Any]) -> Any:
+    kind = tensors[0].dtype
+    for tensor in tensors[1:]:
+        kind = torch.promote_types(kind, tensor.dtype)
+    return kind if kind.is_floating_point else torch.get_default_dtype()
+
+
+def _runner(program: Program) -> Callable[[Any], list[Any]]:
+    """A program over tensors of one batch, in lanes where they are the processor's."""
+    rows = RowProgram(program)
+
+    def run(tensors: Any) -> list[Any]:
+        if tensors[0].device.type != "cpu":
+            return written_out(program, tensors)
+        return [torch.from_numpy(found) for found in rows(*(tensor.detach().numpy() for tensor in tensors))]
+
+    return run
+
+
+def _pulled(parts: Differentiated, tables: Any, weights: Any, tensors: Any) -> tuple[Any, ...]:
+    """Σ weightᵀ ∂(output)/∂(input), for every input."""
+    assert parts.slopes is not None
+    slopes = dict(zip([port.name for port in parts.slopes.outputs], tables, strict=True))
+    found: list[Any] = [torch.zeros_like(tensor) for tensor in tensors]
+    for (k, j), word in parts.blocks.items():
+        output, key, table = parts.values.outputs[k], parts.values.inputs[j], slopes[word]
+        batch = tensors[j].shape[: tensors[j].ndim - len(key.shape)]
+        flat = table.reshape(*batch, output.size, table.shape[-1])
+        pulled = (weights[k].reshape(*batch, output.size, 1) * flat).sum(-2)
+        if key.name == "q" and STEP in slopes:
+            pulled = (pulled[..., :, None] * slopes[STEP]).sum(-2)
+        found[j] = found[j] + pulled.reshape(tensors[j].shape)
+    return tuple(found)
+
+
+def written_out(program: Program, tensors: Any) -> list[Any]:
+    """Outputs at tensors of one batch as PyTorch's own operations, NaN where they cannot be trusted."""
+    like = tensors[0]
+    batch = like.shape[: like.ndim - len(program.inputs[0].shape)]
+    flat = [tensor.reshape(*batch, port.size) for tensor, port in zip(tensors, program.inputs, strict=True)]
+    columns = [tensor[..., k] for tensor in flat for k in range(tensor.shape[-1])]
+    entries, trusted = evaluated(program, columns, _TORCH)
+    found, first = list[Any](), 0
+    for port in program.outputs:
+        wide = [
+            torch.as_tensor(entry, dtype=like.dtype, device=like.device).expand(batch)
+            for entry in entries[first : first + port.size]
+        ]
+        first += port.size
+        table = torch.stack(wide, dim=-1) if wide else like.new_zeros((*batch, 0))
+        if trusted is not True:
+            table = torch.where(trusted[..., None], table, math.nan)
+        found.append(table.reshape(*batch, *port.shape))
+    return found

@@ -1,0 +1,108 @@
+"""A file that tests an exported header: closed states, and what was computed of them here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ccpin.arrays import Array
+from ccpin.programs.c_code import literal
+from ccpin.programs.c_export import parameters
+from ccpin.programs.program import Program
+from ccpin.programs.same_bits import c_answers
+from ccpin.programs.sine_cosine import Precision
+
+STATES = 24  # at which NAME_test.c tests
+AWAY = 0.02  # of the way from y to the example's: where a test starts Newton's steps from
+TOLERANCE = {"double": 1e-9, "float": 1e-3}  # of an output's largest entry, where a compiler fuses or reorders
+
+
+def self_test(program: Program, name: str, precision: Precision) -> str:
+    """The text of NAME_test.c: states, what was computed of them here, and how much of it comes out."""
+    rows = states(program)
+    found = c_answers(program, rows, precision)
+    held = rows.astype(precision.type)
+    outputs = np.where((found.status == 0)[:, None] & np.isfinite(found.outputs), found.outputs, 0)
+    names, first, calls = parameters(program, name), 0, list[str]()
+    arguments, checks = list[str](), list[str]()
+    for port in program.inputs:
+        arguments += [f"states[n] + {first}"] if port.size else []
+        first += port.size
+    first = 0
+    for k, port in enumerate(program.outputs, start=len(program.inputs)):
+        if port.size:
+            calls.append(f"{precision.name} {names[k]}[{port.size}];")
+            arguments.append(names[k])
+            checks.append(f"wrong += differs({names[k]}, wanted[n] + {first}, {port.size}, &same);")
+        first += port.size
+    given, kind, within = ", ".join(arguments), precision.name, f"{TOLERANCE[precision.name]:g}"
+    return f"""/* Tests {name}.h at {len(rows)} states: ends with 0 where all is as computed, and prints what is not. */
+#include <stdio.h>
+#include "{name}.h"
+
+{_table("states", held, precision)}
+{_table("wanted", outputs, precision)}
+static const int codes[{len(rows)}] = {{{", ".join(map(str, found.status.tolist()))}}};
+
+/* Whether an output is off by more than {within} of its largest entry; *same stays 1 while all is the same number. */
+static int differs(const {kind} found[], const {kind} expected[], int size, int *same)
+{{
+    double largest = 0, off = 0;
+    for (int k = 0; k < size; k++) {{
+        const double here = fabs((double)expected[k]), away = fabs((double)found[k] - (double)expected[k]);
+        largest = here > largest ? here : largest;
+        off = away <= off ? off : away;
+        *same = *same && away <= 0;
+    }}
+    return !(off <= {within} * largest);
+}}
+
+int main(void)
+{{
+    int failures = 0, exact = 0;
+    for (int n = 0; n < {len(rows)}; n++) {{
+        int wrong = 0, same = 1;
+        {" ".join(calls)}
+        const int code = {name}({given});
+        if (code != codes[n]) {{
+            wrong = 1;
+            same = 0;
+        }} else if (code == {name}_OK) {{
+            {" ".join(checks) or "wrong = 0;"}
+        }}
+        if (wrong) {{
+            printf("{name}: state %d comes out wrong (status %d, expected %d)\\n", n, code, codes[n]);
+            failures++;
+        }}
+        exact += same;
+    }}
+    printf("{name}: %d of {len(rows)} states wrong, %d the same to the last bit\\n", failures, exact);
+    return failures != 0;
+}}
+"""
+
+
+def states(program: Program) -> Array:
+    """Inputs at which the exported file is tested, of shape (N, inputs): closed, or with y off where σ is found."""
+    rows = np.array([program.example, *program.around[: STATES - 1]], dtype=np.float64)
+    if not program.corrections:
+        return rows
+    first = 0
+    for port in program.inputs:
+        if port.name == "y":
+            window = slice(first, first + port.size)
+            rows[:, window] += AWAY * (rows[0, window] - rows[:, window])
+        first += port.size
+    return rows
+
+
+def _table(word: str, rows: Array, precision: Precision) -> str:
+    """A constant table of numbers; of one column where there are none."""
+    wide = rows if rows.shape[1] else np.zeros((len(rows), 1))
+
+    def line(row: Sequence[float]) -> str:
+        return "{" + ", ".join(literal(value, precision).strip("()") for value in row) + "}"
+
+    lines = ",\n    ".join(line(row) for row in wide.tolist())
+    return f"static const {precision.name} {word}[{len(wide)}][{wide.shape[1]}] = {{\n    {lines}\n}};"

@@ -1,0 +1,109 @@
+"""Programs in lanes: NumPy's numbers, the same bits in every lane and width, whatever the strides, rows and threads."""
+
+import platform
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin import programs
+from ccpin.errors import InvalidInputError
+from ccpin.programs.compiling import NoCompilerError, compiler
+from ccpin.programs.lanes import CompiledProgram, Width, width
+
+try:
+    compiler()
+except NoCompilerError as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+ANKLE = "docs/howto/ankle.urdf"
+
+
+@pytest.fixture(scope="module")
+def program():
+    """Q̈ of the five-bar at a known q′."""
+    return programs.record(ccpin.ReducedModel(ccpin.load("rpdr")), "forward_dynamics")
+
+
+@pytest.fixture(scope="module")
+def inputs(program):
+    """Rows about the example: y is no root there, which arithmetic does not mind."""
+    around = np.split(np.array(program.example), np.cumsum([port.size for port in program.inputs])[:-1])
+    rng = np.random.default_rng(3)
+    return [part + 0.1 * rng.normal(size=(1003, len(part))) for part in around]
+
+
+def test_numpys_numbers(program, inputs):
+    """To rounding, with its status."""
+    found, status = programs.compiled(program)(*inputs)
+    wanted = program(**dict(zip((port.name for port in program.inputs), inputs, strict=True)))
+    np.testing.assert_allclose(found, wanted["forward_dynamics"], rtol=1e-11, atol=1e-12)
+    np.testing.assert_array_equal(status, wanted.status)
+
+
+def test_single_precision(program, inputs):
+    """To its own rounding, given and giving its own type."""
+    found, _ = programs.compiled(program, "float")(*inputs)
+    wanted, _ = programs.compiled(program)(*inputs)
+    assert found.dtype == np.float32
+    assert np.median(np.abs(found - wanted).max(axis=1) / np.abs(wanted).max(axis=1)) < 1e-6
+
+
+def test_bits_depend_on_no_strides_rows_or_threads(program, inputs):
+    """Columns, backwards, one row for all, one by one and three threads: bit for bit."""
+    run = CompiledProgram(program)
+    found, status = run(*inputs)
+    by_column, _ = run(*(np.asfortranarray(each) for each in inputs))
+    backwards, _ = run(*(each[::-1] for each in inputs))
+    many, many_status = run(*(np.tile(each, (9, 1)) for each in inputs), threads=3)
+    np.testing.assert_array_equal(found, by_column)
+    np.testing.assert_array_equal(found, backwards[::-1])
+    np.testing.assert_array_equal(np.tile(found, (9, 1)), many)
+    np.testing.assert_array_equal(np.tile(status, 9), many_status)
+    for row in (0, 5, 1002):
+        np.testing.assert_array_equal(run(*(each[row] for each in inputs))[0], found[[row]])
+    one = [inputs[0][0], *inputs[1:]]
+    np.testing.assert_array_equal(run(*one)[0], run(np.tile(inputs[0][0], (1003, 1)), *inputs[1:])[0])
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="widths of x86-64")
+def test_bits_are_the_same_on_every_width(program, inputs):
+    """Two lanes of SSE2, four of AVX2, eight of AVX-512, as far as there are such."""
+    found, _ = CompiledProgram(program)(*inputs)
+    for vectors in (Width("sse2", (), 16), Width("sse2", (), 32), Width("avx2", ("-mavx2",), 32)):
+        if vectors.name == "avx2" and width().name not in ("avx2", "avx512"):
+            continue
+        np.testing.assert_array_equal(CompiledProgram(program, "double", vectors)(*inputs)[0], found)
+
+
+def test_a_program_of_many_pieces():
+    """The ankle's q̈ is the core's at closed states."""
+    model = ccpin.ReducedModel(ccpin.load(ANKLE))
+    q = model.alpha(model.mechanism.q_reference)
+    rng = np.random.default_rng(2)
+    compiled = programs.compiled(model)
+    Q, V, U = q + 0.05 * rng.uniform(-1, 1, (60, 2)), rng.normal(size=(60, 2)), rng.normal(size=(60, 2))
+    found = compiled.forward_dynamics_many(Q, V, U)
+    wanted = model.forward_dynamics_many(Q, V, U)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
+
+
+def test_a_state_that_divides_by_nothing_is_refused():
+    """Status 1 where a pivot vanishes, and only there: the four-bar's coupler in line with its rocker."""
+    model = ccpin.ReducedModel(ccpin.load("four_bar"))
+    program = programs.record(model, "rho")
+    q, y = np.split(np.array(program.example), [1])
+    flat = np.zeros_like(y)
+    _, status = CompiledProgram(program)(np.tile(q, (3, 1)), np.array([y, flat, y]))
+    assert list(status) == [0, program(q=q, y=flat).status, 0]
+
+
+def test_wrong_inputs(program, inputs):
+    """Too few, and of other shapes."""
+    run = CompiledProgram(program)
+    with pytest.raises(InvalidInputError, match="3 inputs for q, y, v, u"):
+        run(*inputs[:3])
+    with pytest.raises(InvalidInputError, match="u must be of shape"):
+        run(*inputs[:3], inputs[3][:7])
+    with pytest.raises(InvalidInputError, match="format"):
+        programs.compiled(program, "half")
