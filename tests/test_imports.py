@@ -36,7 +36,7 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
         ("clusters", "rows"),
         "constraints",
         "derivative_bounds",
-        "continuation",
+        ("continuation", "dead_ends"),
         "parametrization",
         "sigma_derivatives",
     ),

@@ -19,6 +19,7 @@ from ccpin.kinematics.clusters import find_clusters
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.continuation import Continuation
 from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.kinematics.dead_ends import SHORTEST_STEP, SINGULAR_WITHIN, DeadEnds
 from ccpin.kinematics.least_squares import Linearized
 from ccpin.kinematics.linear import Factor, factorize
 from ccpin.kinematics.points import moved
@@ -32,7 +33,6 @@ _FAR_FROM_SINGULAR = 2e-7  # the same: above it a step is taken to be near a sin
 _NEAR_SINGULAR = 0.25  # of _CONTRACTION and _TURN: kept to near a singularity, or the step is to be proved
 _NARROW = 0.5  # of _TURN: kept to elsewhere
 _NOISE = 1e-9  # rad or m: a correction below is rounding
-_SHORTEST_STEP = 2.0**-30  # of the way: where no longer one is trusted, it is blocked
 _LARGEST_MOVE = 1.0  # rad or m, of one correction of Newton's
 _MOST_STEPS = 11  # of Newton: a hard cap, which steps that contract do not meet
 
@@ -216,22 +216,36 @@ class Parametrization:
             target = q if ahead == 1.0 else coordinates.integrate(q_start, ahead * line)
             return self._step(here, target, proved).point
 
-        here, done = _follow(step, start)
+        here, done = _follow(step, start, DeadEnds(self, q_start, q))
         if done == 1.0:
             assert isinstance(here, ClosedPoint)
             return here
         reached = _configuration(here)
-        rcond = self.rcond(reached)
-        left = float(np.linalg.norm((1.0 - done) * line))
-        if left <= 1e-6:
-            raise SingularConfigurationError(
+        raise self._blocked(start, q, done, reached, self.rcond(reached))
+
+    def _blocked(
+        self, start: Array | ClosedPoint, q: Array, done: float, reached: Array, rcond: float
+    ) -> SingularConfigurationError | UnreachableError:
+        """What is raised where the straight line from α(start) to q is walked no farther.
+
+        Args:
+            start: The configuration begun at.
+            q: Independent coordinates asked for.
+            done: How much of the line is.
+            reached: q′ there.
+            rcond: Reciprocal condition number of ψ_q′ there.
+        """
+        q_start = self.coordinates.alpha(_configuration(start))
+        left = (1.0 - done) * float(np.linalg.norm(self.coordinates.difference(q_start, q)))
+        if left <= SINGULAR_WITHIN:
+            return SingularConfigurationError(
                 f"q = {_show(q)} is a singular configuration: the independent coordinates do not fix the motion "
                 f"there (reciprocal condition number of ψ_q′ {rcond:.1e} at a distance of {left:.1e})",
                 q_free=reached,
                 rcond=rcond,
             )
-        q_reached = coordinates.alpha(reached)
-        raise UnreachableError(
+        q_reached = self.coordinates.alpha(reached)
+        return UnreachableError(
             f"q = {_show(q)} cannot be reached from q = {_show(q_start)} along a straight line: it is blocked by a "
             f"singularity or the end of the workspace after {100 * done:.2f} % of the way, at q = {_show(q_reached)} "
             f"(reciprocal condition number of ψ_q′ {rcond:.1e}); pass near= closer to it if another way exists",
@@ -351,11 +365,16 @@ class Parametrization:
 
 
 def _follow(
-    step: Callable[[Array | ClosedPoint, float], ClosedPoint | None], start: Array | ClosedPoint
+    step: Callable[[Array | ClosedPoint, float], ClosedPoint | None],
+    start: Array | ClosedPoint,
+    ends: Callable[[ClosedPoint, float], tuple[Array, float] | None] | None = None,
 ) -> tuple[Array | ClosedPoint, float]:
-    """Where a path leads, and how much of it: 1, all. Steps are halved where not trusted, doubled after two taken."""
+    """Where a path leads, and how much of it: 1, all. Steps are halved where not trusted, doubled after two taken.
+
+    `ends` says of a place on the path whether it ends before 1 for certain, and where.
+    """
     here, done, stride, grows = start, 0.0, 0.5, True
-    while stride >= _SHORTEST_STEP:
+    while stride >= SHORTEST_STEP:
         ahead = min(1.0, done + stride)
         point = step(here, ahead)
         if point is None:
@@ -364,6 +383,9 @@ def _follow(
         here, done, stride, grows = point, ahead, 2.0 * stride if grows else stride, True
         if ahead == 1.0:
             break
+        end = None if ends is None else ends(point, done)
+        if end is not None:
+            return end
     return here, done
 
 

@@ -1,0 +1,100 @@
+"""``python -m benchmarks.refusals [MODEL …]``: what σ's refusals cost, far away and next to where ways end.
+
+Far: q at random within π of the reference, each coordinate. Near: about the ends of straight ways out of the reference,
+a third each along the way, off it, and exactly there, at distances from 1e-9 to 0.1. All from the reference, wall time
+of `model.sigma` until the error is raised. Before: the walk goes on in ever shorter steps; after: it leaps up to where
+it ends. Both in one run, the former on the first `--walked` refusals of each kind; `changed` counts errors of another
+kind.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from unittest.mock import patch
+
+import numpy as np
+
+import ccpin
+from ccpin.arrays import Array
+from ccpin.kinematics import parametrization
+
+MODELS = ("rpdr", "delta", "stewart")
+BEFORE, AFTER = "before", "after"
+_WAY = 6.0  # rad: no straight way of these is longer
+_EACH = 50  # queries about one end
+
+
+def far(model: ccpin.ReducedModel, count: int, rng: np.random.Generator) -> Array:
+    """q at random, of shape (count, n)."""
+    return model.alpha(model.mechanism.q_reference) + rng.uniform(-np.pi, np.pi, (count, model.n))
+
+
+def near(model: ccpin.ReducedModel, count: int, rng: np.random.Generator) -> Array:
+    """q about the ends of straight ways, of shape (count, n)."""
+    start, ways = model.alpha(model.mechanism.q_reference), max(count // _EACH, 1)
+    directions = rng.normal(size=(ways, model.n))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    ends = np.array([start + _end(model, start, way) * way for way in directions])
+    which, kind, k = rng.integers(ways, size=count), rng.integers(3, size=(count, 1)), model.n
+    along = rng.choice([-1.0, 1.0], (count, 1)) * directions[which]
+    offsets = np.select([kind == 0, kind == 1], [along, rng.normal(size=(count, k))], 0.0)
+    return ends[which] + 10.0 ** rng.uniform(-9.0, -1.0, (count, 1)) * offsets
+
+
+def _end(model: ccpin.ReducedModel, start: Array, way: Array) -> float:
+    """How far σ follows a straight way, to 1e-11."""
+    least, most = 0.0, _WAY
+    for _ in range(9):
+        places, failures = np.linspace(least, most, 21), dict[int, str]()
+        model.sigma_many(start + places[:, None] * way, failures=failures)
+        if not failures or min(failures) == 0:
+            break
+        least, most = places[min(failures) - 1], places[min(failures)]
+    return least
+
+
+def refusal(call: Callable[[Array], object], q: Array) -> tuple[str, float]:
+    """The error's name ("": none), and wall milliseconds until it."""
+    began, name = time.perf_counter(), ""
+    try:
+        call(q)
+    except ccpin.CcpinError as error:
+        name = type(error).__name__
+    return name, 1e3 * (time.perf_counter() - began)
+
+
+def rows(name: str, count: int, walked: int, seed: int) -> list[str]:
+    """A line of the table for each kind of query of one model."""
+    model, lines = ccpin.ReducedModel(ccpin.load(name)), []
+    for kind, made in (("far", far), ("near", near)):
+        queries = made(model, count, np.random.default_rng(seed))
+        found = [refusal(model.sigma, q) for q in queries]
+        refused = [k for k, (error, _) in enumerate(found) if error]
+        with patch.object(parametrization, "DeadEnds", lambda *_: lambda *_: None):
+            old = {k: refusal(model.sigma, queries[k]) for k in refused[:walked]}
+        changed = sum(found[k][0] != error for k, (error, _) in old.items())
+        times = {BEFORE: [t for _, t in old.values()], AFTER: [found[k][1] for k in refused]}
+        quantiles = [np.quantile(times[each], (0.5, 0.95)) for each in (BEFORE, AFTER)]
+        numbers = "".join(f"{a:9.2f}{b:9.2f}" for a, b in quantiles)
+        lines.append(f"{name:10}{kind:6}{count:8}{len(refused):9}{numbers}{len(old):9}{changed:9}")
+    return lines
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("models", nargs="*", default=MODELS)
+    parser.add_argument("--queries", type=int, default=10_000, help="of each kind for each model")
+    parser.add_argument("--walked", type=int, default=200, help="refusals of each that the reference repeats")
+    parser.add_argument("--seed", type=int, default=0)
+    asked = parser.parse_args()
+    heads = ("refused", BEFORE, AFTER, "95 %:", AFTER, "walked", "changed")
+    print(f"{'ms':16}{'queries':>8}" + "".join(f"{head:>9}" for head in heads))
+    for name in asked.models:
+        print("\n".join(rows(name, asked.queries, asked.walked, asked.seed)), flush=True)
+
+
+if __name__ == "__main__":
+    main()
