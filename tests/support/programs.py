@@ -38,7 +38,7 @@ def exact_values(code, inputs):
 
 def exact_sigma(source, q, y, steps=12):
     """σ(q) from near it, by Newton's method in balls whose radii are dropped: to some 50 digits."""
-    from ccpin.programs.assembly import slopes_of
+    from ccpin.programs.program_sources import slopes_of
 
     slopes, m = slopes_of(source.closure, source.dependent), len(y)
     q, y = [ball_of(float(each)) for each in q], [ball_of(float(each)) for each in y]
@@ -65,8 +65,8 @@ def states(rng, certificate, count):
 
 def on_branch(certificate, q):
     """y of shape (N, y) on the branch at points of shape (N, n), by Newton's method in doubles from its cells."""
-    from ccpin.programs.assembly import slopes_of
     from ccpin.programs.evaluation import values_of
+    from ccpin.programs.program_sources import slopes_of
 
     claim, source = certificate.branch.claim, certificate.program.source
     counts = claim.counts

@@ -37,7 +37,7 @@ from ccpin.programs.instructions import (
 from ccpin.programs.lowering import Pivot
 
 if TYPE_CHECKING:
-    from ccpin.programs.assembly import ProgramSource
+    from ccpin.programs.program_sources import ProgramSource
 
 WORDS = {
     CONSTANT: "constant", ADD: "add", SUBTRACT: "subtract", MULTIPLY: "multiply", SCALE: "scale", SINE: "sine",

@@ -13,10 +13,10 @@ from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.programs.assembly import ProgramSource, assembled
 from ccpin.programs.instructions import Code
 from ccpin.programs.lowering import lowered
 from ccpin.programs.program import Port, Program
+from ccpin.programs.program_sources import ProgramSource, assembled
 from ccpin.programs.quantities import QUANTITIES, TapedModel, along, jacobian_of, pose_of, taped_model
 from ccpin.programs.recording.constants import Parameter, parameters_of
 from ccpin.programs.recording.recorded_model import Numbering, numbering

@@ -8,10 +8,10 @@ import pytest
 import ccpin
 from ccpin import programs
 from ccpin.errors import InvalidInputError
-from ccpin.programs.assembly import assembled
 from ccpin.programs.compiling import NoCompilerError
 from ccpin.programs.evaluation import values_of
 from ccpin.programs.lanes import CompiledProgram
+from ccpin.programs.program_sources import assembled
 from ccpin.validated import certify_program
 from tests.support.programs import BITS, exact_sigma, exact_values, on_branch, states
 

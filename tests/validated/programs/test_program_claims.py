@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from ccpin.programs.assembly import ProgramSource
+from ccpin.programs.program_sources import ProgramSource
 from ccpin.programs.tape import Tape
 from ccpin.proof.facts import NotProvedError, prove
 from ccpin.validated.programs.branch_claim import BranchOverCells, cells_of

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ccpin.programs.assembly import Assembled, ProgramSource, assembled, bend_of, slopes_of
 from ccpin.programs.evaluation import value_of
 from ccpin.programs.folding import Arithmetic, folded
 from ccpin.programs.instructions import ANGLE, CONSTANT, COSINE, GAIN, MULTIPLY, SCALE, SINE, Code
+from ccpin.programs.program_sources import Assembled, ProgramSource, assembled, bend_of, slopes_of
 from ccpin.proof.digests import digest
 from ccpin.proof.facts import NotProvedError, known, require
 from ccpin.validated.arithmetic.balls import ball, flint, upper

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.programs.assembly import slopes_of
 from ccpin.programs.evaluation import values_of
 from ccpin.programs.instructions import Code
+from ccpin.programs.program_sources import slopes_of
 from ccpin.validated.arithmetic.first_order import preconditioned
 from ccpin.validated.programs.branch_claim import BranchOverCells, cells_of, placed, tabled, tubes
 from ccpin.validated.programs.program_equations import ProgramEquations
