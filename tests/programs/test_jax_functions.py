@@ -140,7 +140,7 @@ def test_derivatives_that_were_not_recorded_are_told():
 
 def test_without_a_compiler_it_is_numpy(monkeypatch):
     from ccpin.programs.bridges import row_programs
-    from ccpin.programs.lanes import NoCompilerError
+    from ccpin.programs.compiling import NoCompilerError
 
     def none(*arguments):
         raise NoCompilerError("there is none")

@@ -29,9 +29,9 @@ from ccpin.programs.compiling import NoCompilerError
 from ccpin.programs.lanes import CompiledProgram
 from ccpin.programs.numbers import NumbersOfRows
 from ccpin.programs.program import Program
-from ccpin.programs.recorder import record
 from ccpin.programs.recording.constants import parameters_of
 from ccpin.programs.recording.recorded_model import numbering
+from ccpin.programs.recordings import record
 
 LONGEST = 2e-3  # s: of an integrator's step, by default
 _TRIES = 8  # starts drawn for a row before it starts at the reference

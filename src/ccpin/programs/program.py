@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,6 +35,9 @@ from ccpin.programs.instructions import (
     Instruction,
 )
 from ccpin.programs.lowering import Pivot
+
+if TYPE_CHECKING:
+    from ccpin.programs.program_sources import ProgramSource
 
 WORDS = {
     CONSTANT: "constant", ADD: "add", SUBTRACT: "subtract", MULTIPLY: "multiply", SCALE: "scale", SINE: "sine",
@@ -103,6 +106,7 @@ class Program:
             of their length above which they had not converged.
         example: Inputs at which it was recorded, in the order of the numbers.
         around: Inputs at closed states about it, alike.
+        source: What it was put together of; programs that were loaded, and steps, have none.
     """
 
     name: str
@@ -114,6 +118,7 @@ class Program:
     tolerance: float = 0.0
     example: tuple[float, ...] = ()
     around: tuple[tuple[float, ...], ...] = ()
+    source: ProgramSource | None = None
 
     def __call__(self, **inputs: ArrayLike) -> Answer:
         """The outputs at inputs of the ports' shapes, or of many at once along a first axis more."""

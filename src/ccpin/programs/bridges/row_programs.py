@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.errors import InvalidInputError
-from ccpin.programs.lanes import CompiledProgram, NoCompilerError
+from ccpin.programs.compiling import NoCompilerError
+from ccpin.programs.lanes import CompiledProgram
 from ccpin.programs.program import Program
 
 
