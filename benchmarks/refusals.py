@@ -44,14 +44,15 @@ def near(model: ccpin.ReducedModel, count: int, rng: np.random.Generator) -> Arr
 
 
 def _end(model: ccpin.ReducedModel, start: Array, way: Array) -> float:
-    """How far σ follows a straight way, to 1e-11."""
+    """How far the core follows a straight way, to 1e-11."""
     least, most = 0.0, _WAY
     for _ in range(9):
-        places, failures = np.linspace(least, most, 21), dict[int, str]()
-        model.sigma_many(start + places[:, None] * way, failures=failures)
-        if not failures or min(failures) == 0:
+        places = np.linspace(least, most, 21)
+        found = model.core.sigma_many(start + places[:, None] * way, None)
+        if found is None or found[1].all() or not found[1][0]:
             break
-        least, most = places[min(failures) - 1], places[min(failures)]
+        first = int(np.argmin(found[1]))
+        least, most = places[first - 1], places[first]
     return least
 
 
@@ -73,11 +74,11 @@ def rows(name: str, count: int, walked: int, seed: int) -> list[str]:
         found = [refusal(model.sigma, q) for q in queries]
         refused = [k for k, (error, _) in enumerate(found) if error]
         with patch.object(parametrization, "DeadEnds", lambda *_: lambda *_: None):
-            old = {k: refusal(model.sigma, queries[k]) for k in refused[:walked]}
+            old = {k: refusal(model.parametrization.sigma, queries[k]) for k in refused[:walked]}
         changed = sum(found[k][0] != error for k, (error, _) in old.items())
         times = {BEFORE: [t for _, t in old.values()], AFTER: [found[k][1] for k in refused]}
-        quantiles = [np.quantile(times[each], (0.5, 0.95)) for each in (BEFORE, AFTER)]
-        numbers = "".join(f"{a:9.2f}{b:9.2f}" for a, b in quantiles)
+        quantiles = [np.quantile(times[each], part) for part in (0.5, 0.95) for each in (BEFORE, AFTER)]
+        numbers = "".join(f"{value:9.2f}" for value in quantiles)
         lines.append(f"{name:10}{kind:6}{count:8}{len(refused):9}{numbers}{len(old):9}{changed:9}")
     return lines
 
@@ -90,7 +91,7 @@ def main() -> None:
     parser.add_argument("--walked", type=int, default=200, help="refusals of each that the reference repeats")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
-    heads = ("refused", BEFORE, AFTER, "95 %:", AFTER, "walked", "changed")
+    heads = ("refused", BEFORE, AFTER, "95 %", "95 %", "walked", "changed")
     print(f"{'ms':16}{'queries':>8}" + "".join(f"{head:>9}" for head in heads))
     for name in asked.models:
         print("\n".join(rows(name, asked.queries, asked.walked, asked.seed)), flush=True)
