@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, instance, vector, whole
+from ccpin.arrays import Array, choice, instance, numbers, records, vector, whole
 from ccpin.errors import InvalidInputError
 from ccpin.programs.program import Program
 from ccpin.proof.facts import Fact, NotProvedError, prove
@@ -55,17 +55,20 @@ def certify_program(
         raise InvalidInputError("a program that was loaded has not what it was made of: record it here")
     equations = ProgramEquations(program.source)
     n, m = equations.sizes["Q"], equations.n_y
+    if not isinstance(region, Sequence) or isinstance(region, str) or len(region) != 2:
+        raise InvalidInputError("region must be the lower and the upper numbers of q")
     lower, upper = vector(region[0], "region[0]", n), vector(region[1], "region[1]", n)
     if not np.all(lower < upper):
         raise InvalidInputError("region: every lower number must be below the upper one")
-    most = bounds_of(program, bounds)
-    asked = tuple(formats)
-    if not asked or any(name not in [each.name for each in FORMATS] for name in asked):
+    most = bounds_of(program, instance(bounds, "bounds", Mapping, "bounds of inputs by name"))
+    asked = tuple(choice(name, "formats", [each.name for each in FORMATS]) for name in records(formats, "formats", str))
+    if not asked:
         raise InvalidInputError('formats must be "double", "float" or both')
     search = _Search(program, equations, lower, upper, most, asked)
     starts = [np.full(m, _NEAR / 2**k) for k in range(_HALVINGS)] if program.corrections else [np.full(m, _CLOSED)]
     if start is not None:
-        starts = [vector(np.broadcast_to(np.asarray(start, dtype=np.float64), (m,)), "start", m)]
+        given = numbers(start, "start")
+        starts = [np.full(m, float(given)) if given.ndim == 0 else vector(given, "start", m)]
         if not np.all(starts[0] > 0.0):
             raise InvalidInputError("start: every number must be positive")
     return search.best(starts, whole(max_cells, "max_cells"))
