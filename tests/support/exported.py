@@ -10,7 +10,7 @@ import pytest
 from ccpin.errors import CcpinError
 from ccpin.programs import export
 from ccpin.programs.c_export import parameters
-from ccpin.programs.recording.recorded_model import numbering
+from ccpin.programs.recording.recorded_mechanism import numbering
 from ccpin.programs.sine_cosine import PRECISIONS
 
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-ffp-contract=off")

@@ -30,7 +30,7 @@ from ccpin.programs.lanes import CompiledProgram
 from ccpin.programs.numbers import NumbersOfRows
 from ccpin.programs.program import Program
 from ccpin.programs.recording.constants import parameters_of
-from ccpin.programs.recording.recorded_model import numbering
+from ccpin.programs.recording.recorded_mechanism import numbering
 from ccpin.programs.recordings import record
 
 LONGEST = 2e-3  # s: of an integrator's step, by default

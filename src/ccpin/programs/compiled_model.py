@@ -27,7 +27,7 @@ from ccpin.programs.lanes import CompiledProgram, Format, width
 from ccpin.programs.line import from_a_line
 from ccpin.programs.numbers import NumbersOfRows
 from ccpin.programs.program import Program
-from ccpin.programs.recording.recorded_model import numbering
+from ccpin.programs.recording.recorded_mechanism import numbering
 from ccpin.programs.recordings import record
 
 REACH = 0.1  # of |q − q₀| in each number, rad or m

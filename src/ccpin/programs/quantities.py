@@ -16,7 +16,7 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.programs.recording.constants import Constants, Parameter
 from ccpin.programs.recording.recorded_laws import efforts, law_terms, transmission
-from ccpin.programs.recording.recorded_model import Numbering, RecordedModel, recorded_model
+from ccpin.programs.recording.recorded_mechanism import Numbering, RecordedModel, recorded_model
 from ccpin.programs.recording.recorded_tree import Table, exact, exact_placement, rational
 from ccpin.programs.tape import Tape
 

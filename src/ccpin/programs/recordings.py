@@ -19,7 +19,7 @@ from ccpin.programs.program import Port, Program
 from ccpin.programs.program_sources import ProgramSource, assembled
 from ccpin.programs.quantities import QUANTITIES, TapedModel, along, jacobian_of, pose_of, taped_model
 from ccpin.programs.recording.constants import Parameter, parameters_of
-from ccpin.programs.recording.recorded_model import Numbering, numbering
+from ccpin.programs.recording.recorded_mechanism import Numbering, numbering
 from ccpin.programs.recording.recorded_tree import Table
 from ccpin.programs.stepping import stepped
 from ccpin.programs.tape import Node, Tape

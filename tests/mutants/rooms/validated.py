@@ -364,7 +364,7 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room("validated/model/configurations", ("on_manifold", "unwound", "configuration"), (*_RECORDED, _RANDOM)),
     Room(
-        "programs/recording/recorded_model",
+        "programs/recording/recorded_mechanism",
         ("Numbering.dependent", "numbering", "recorded_model", "_independent_rows", "_unit_lengths"),
         _RECORDED,
         (("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),),

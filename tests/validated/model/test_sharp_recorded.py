@@ -16,7 +16,7 @@ flint = pytest.importorskip("flint")
 
 from ccpin.programs.recording import ball_joints, recorded_coordinates, recorded_tree  # noqa: E402
 from ccpin.programs.recording.recorded_laws import require_sampled  # noqa: E402
-from ccpin.programs.recording.recorded_model import _unit_lengths  # noqa: E402
+from ccpin.programs.recording.recorded_mechanism import _unit_lengths  # noqa: E402
 from ccpin.programs.tape import Tape  # noqa: E402
 from ccpin.validated.arithmetic.balls import ball  # noqa: E402
 from ccpin.validated.arithmetic.programs import in_balls  # noqa: E402
