@@ -252,7 +252,11 @@ ROOMS: tuple[Room, ...] = (
             "is_zero",
         ),
         (*_PROGRAMS, _TAPES),
-        (("not isinstance(value, Node) and", "not asked: not isinstance", "a node equals no number"),),
+        (
+            ("if shareable and key", "not asked: shareable", "what is not shared is not kept"),
+            ("(item.kind != ANGLE or is_zero", "not asked: is_zero(slopes[item.b])", "0 all the same, only later"),
+            ("not isinstance(value, Node) and", "not asked: not isinstance", "a node equals no number"),
+        ),
     ),
     Room(
         "validated/arithmetic/series",

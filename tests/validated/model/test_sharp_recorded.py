@@ -267,6 +267,15 @@ def test_angles_on_circles_that_a_law_reads():
         assert (too_far_turned(loop.equations, balls(x, v)) == "") is told
 
 
+def test_goals_are_counted_in_the_turn_that_is_nearest():
+    """Of −3 rad, seen from 3 rad, one turn on; from −2.9 as it is."""
+    model = ccpin.ReducedModel(ccpin.load(with_kinds("slider_crank", crank="continuous")))
+    law = ccpin.control.PDSimpleGravity(model, [np.cos(-3.0), np.sin(-3.0)], 2.0, 0.5)
+    for near, target in ((3.0, 2.0 * np.pi - 3.0), (-2.9, -3.0)):
+        loop = recorded_loop(model, law, model.at([np.cos(near), np.sin(near)]).q_free)
+        assert float(loop.equations.wrapped[0].target) == pytest.approx(target, abs=1e-14)
+
+
 def test_balls_that_are_turned_too_far():
     """Less than half a turn from the reference: w > 0, all over a box, of every ball."""
     joint = SimpleNamespace(x=slice(1, 5), number=1)
