@@ -163,7 +163,7 @@ def test_constants_are_exact_where_they_are_rational():
         2 * 3**0.5,
         math.sin(3**0.5),
     ]
-    np.testing.assert_allclose(found, expected, rtol=1e-15)
+    np.testing.assert_allclose(found, expected, rtol=1e-14)
 
 
 @pytest.mark.parametrize("symmetric", [False, True])
