@@ -145,6 +145,7 @@ def test_constants_are_exact_where_they_are_rational():
             third * sine,
             third * 2,
             tape.sincos(third)[0],
+            tape.gain(tape.root(Fraction(1, 2))),
         ]
     )
     assert ROOT in {item.kind for item in code.instructions}
