@@ -155,14 +155,15 @@ def test_constants_are_exact_where_they_are_rational():
     assert {SCALE, CONSTANT} <= kinds
     values = values_of(plain, [2.0], np)
     found = [values[number] for number in plain.outputs]
+    root = 3**0.5
     expected = [
-        math.pi / 2**0.5,
-        2 * 3**0.5 + 3**-0.5,
+        2 * root + 1 / root,
         2 * math.pi / 3,
-        3**0.5,
-        3**0.5 * math.sin(2.0),
-        2 * 3**0.5,
-        math.sin(3**0.5),
+        root,
+        root * math.sin(2.0),
+        2 * root,
+        math.sin(root),
+        math.pi / 2**0.5,
     ]
     np.testing.assert_allclose(found, expected, rtol=1e-14)
 
