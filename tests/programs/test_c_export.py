@@ -22,18 +22,6 @@ ANKLE = str(ROOT / "docs" / "howto" / "ankle.urdf")
 MODELS = [*SMALL, *later("", *LARGE, ANKLE)[1:]]
 
 
-@pytest.fixture(scope="module")
-def loaded():
-    kept = {}
-
-    def model(name):
-        if name not in kept:
-            kept[name] = ccpin.ReducedModel(ccpin.load(name))
-        return kept[name]
-
-    return model
-
-
 @pytest.mark.parametrize("format", ["double", "float"])
 @pytest.mark.parametrize("name", MODELS)
 def test_the_test_that_is_written_passes(loaded, name, format, tmp_path):

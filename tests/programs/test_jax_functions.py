@@ -139,7 +139,7 @@ def test_derivatives_that_were_not_recorded_are_told():
 
 
 def test_without_a_compiler_it_is_numpy(monkeypatch):
-    from ccpin.programs.bridges import row_programs
+    from ccpin.programs import lanes
     from ccpin.programs.compiling import NoCompilerError
 
     def none(*arguments):
@@ -147,5 +147,5 @@ def test_without_a_compiler_it_is_numpy(monkeypatch):
 
     _, rows = states_of(model("rpdr"))
     expected = programs.as_function(recorded("rpdr"), "jax")(*rows)["forward_dynamics"]
-    monkeypatch.setattr(row_programs, "CompiledProgram", none)
+    monkeypatch.setattr(lanes, "CompiledProgram", none)
     close(programs.as_function(recorded("rpdr"), "jax")(*rows)["forward_dynamics"], expected)

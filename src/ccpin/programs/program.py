@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from hashlib import sha256
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -70,6 +71,12 @@ class Port(NamedTuple):
         return math.prod(self.shape)
 
 
+def windows(ports: Iterable[Port]) -> list[slice]:
+    """Where the numbers of each port stand among those of all, side by side."""
+    ends = list(accumulate((port.size for port in ports), initial=0))
+    return [slice(*pair) for pair in pairwise(ends)]
+
+
 class Answer(Mapping[str, Array]):
     """Outputs by name; `status` is 0 where they can be trusted.
 
@@ -102,8 +109,8 @@ class Program:
         inputs, outputs: The ports, in the order of the numbers.
         code: The instructions, without linear solves.
         pivots: Values that solves divide by.
-        corrections: Numbers of the last corrections of σ's Newton steps (none where q′ is given closed), and the square
-            of their length above which they had not converged.
+        corrections: Numbers of the last corrections of σ's Newton steps; none where q′ is given closed.
+        tolerance: The length of those above which the steps had not converged.
         example: Inputs at which it was recorded, in the order of the numbers.
         around: Inputs at closed states about it, alike.
         source: What it was put together of; programs that were loaded, and steps, have none.
@@ -126,10 +133,9 @@ class Program:
         with np.errstate(all="ignore"):
             values = values_of(self.code, list(numbers.T), np)
         rows = len(numbers)
-        found, first = dict[str, Array](), 0
-        for port in self.outputs:
-            columns = [values[k] for k in self.code.outputs[first : first + port.size]]
-            first += port.size
+        found = dict[str, Array]()
+        for port, window in zip(self.outputs, windows(self.outputs), strict=True):
+            columns = [values[k] for k in self.code.outputs[window]]
             table = (
                 np.stack([np.broadcast_to(column, (rows,)) for column in columns], axis=1)
                 if columns
@@ -178,7 +184,7 @@ class Program:
     @property
     def digest(self) -> str:
         """A fingerprint of all that it computes."""
-        return sha256(json.dumps(self._document(), sort_keys=True).encode()).hexdigest()
+        return _digest(self._document())
 
     def __repr__(self) -> str:
         ports = (", ".join(f"{port.name} {port.shape}" for port in group) for group in (self.inputs, self.outputs))
@@ -203,7 +209,8 @@ class Program:
     @property
     def text(self) -> str:
         """The JSON that `save` writes."""
-        return json.dumps(self._document() | {"digest": self.digest})
+        document = self._document()
+        return json.dumps(document | {"digest": _digest(document)})
 
     @classmethod
     def load(cls, path: str | Path) -> Program:
@@ -232,6 +239,10 @@ class Program:
             "example": [value.hex() for value in self.example],
             "around": [[value.hex() for value in row] for row in self.around],
         }  # fmt: skip
+
+
+def _digest(document: dict[str, Any]) -> str:
+    return sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
 def _program_of(document: Any) -> Program:

@@ -15,14 +15,14 @@ from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.programs.instructions import Code
 from ccpin.programs.lowering import lowered
-from ccpin.programs.program import Port, Program
+from ccpin.programs.program import Port, Program, windows
 from ccpin.programs.program_sources import ProgramSource, assembled
 from ccpin.programs.quantities import QUANTITIES, TapedModel, along, jacobian_of, pose_of, taped_model
 from ccpin.programs.recording.constants import Parameter, parameters_of
 from ccpin.programs.recording.recorded_mechanism import Numbering, numbering
 from ccpin.programs.recording.recorded_tree import Table
 from ccpin.programs.stepping import stepped
-from ccpin.programs.tape import Node, Tape
+from ccpin.programs.tape import Tape
 
 Given = Literal["closed", "near"]
 SAMPLES, _SPREAD, _TRIES = 32, 0.15, 400  # states about the reference at which pivots are chosen
@@ -109,7 +109,8 @@ def _step(scene: TapedModel, about: State, symbols: Sequence[Parameter]) -> Prog
     q, y, *rest = _input_ports(scene, {"v", "u"}, symbols)
     ports = (q, y, *rest, Port("h", (1,), "s", ("h",)))
     tape = Tape(sum(port.size for port in ports))
-    at = dict(zip((port.name for port in ports), _split(tape.inputs, ports), strict=True))
+    numbers = np.array(tape.inputs, dtype=object)
+    at = {port.name: numbers[window] for port, window in zip(ports, windows(ports), strict=True)}
     step = stepped(scene, tape, at)
     after = tuple(port._replace(name=f"{port.name}_next") for port in (q, y, rest[0]))
     samples = _samples(scene.model, scene.own, about, ports, symbols)
@@ -256,11 +257,6 @@ def _output_ports(outputs: dict[str, Table]) -> tuple[Port, ...]:
 
 def _places(shape: tuple[int, ...]) -> list[str]:
     return [",".join(map(str, place)) for place in np.ndindex(*shape)]
-
-
-def _split(nodes: Sequence[Node], ports: Sequence[Port]) -> list[Table]:
-    ends = np.cumsum([port.size for port in ports])[:-1]
-    return np.split(np.array(nodes, dtype=object), ends)
 
 
 def _samples(

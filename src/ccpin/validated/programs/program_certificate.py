@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError
-from ccpin.programs.program import SMALL_PIVOT, Program
+from ccpin.programs.program import SMALL_PIVOT, Program, windows
 from ccpin.proof.facts import Fact, is_fact, prove
 from ccpin.proof.verdict import Judged, Verdict, not_known_of
 from ccpin.validated.programs.branch_claim import BranchOverCells
@@ -154,11 +154,8 @@ class ProgramCertificate(Judged):
         return known[format]
 
     def _by_port(self, numbers: Array) -> dict[str, Array]:
-        found, first = dict[str, Array](), 0
-        for port in self.program.outputs:
-            found[port.name] = numbers[first : first + port.size].reshape(port.shape)
-            first += port.size
-        return found
+        pairs = zip(self.program.outputs, windows(self.program.outputs), strict=True)
+        return {port.name: numbers[window].reshape(port.shape) for port, window in pairs}
 
     @property
     def _status(self) -> str:
@@ -171,10 +168,9 @@ class ProgramCertificate(Judged):
             return f"undecided: {self.reason}"
         lines = [f"Proved for every q in the box {_box(self.lower, self.upper)},"]
         lines.append(f"y within {_numbers(self.start)} of one continuous branch of σ(q),")
-        first = 0
-        for port in self.program.inputs[2:]:
-            lines.append(f"|{port.name}| ≤ {_numbers(self.bounds[first : first + port.size])} ({port.unit}):")
-            first += port.size
+        others = self.program.inputs[2:]
+        for port, window in zip(others, windows(others), strict=True):
+            lines.append(f"|{port.name}| ≤ {_numbers(self.bounds[window])} ({port.unit}):")
         if self.steps is not None:
             lines.append(
                 f"its {self.steps.claim.equations.source.steps} Newton steps and one more end, exact, within "

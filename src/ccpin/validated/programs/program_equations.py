@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.programs.evaluation import value_of
-from ccpin.programs.folding import Arithmetic, folded
+from ccpin.programs.folding import DOUBLES, Arithmetic, folded
 from ccpin.programs.instructions import ANGLE, CONSTANT, COSINE, GAIN, MULTIPLY, SCALE, SINE, Code
 from ccpin.programs.program_sources import Assembled, ProgramSource, assembled, bend_of, slopes_of
 from ccpin.proof.digests import digest
@@ -164,7 +164,7 @@ def runnable(code: Code) -> Runnable:
     with flint().ctx.workprec(PRECISION):
         arb = flint().arb
         exact = folded(code, Arithmetic(ball, arb.sqrt, lambda a: 1 / a, arb.atan2))
-        compiled = folded(code, Arithmetic(lambda value: value, math.sqrt, lambda a: 1 / a, math.atan2))
+        compiled = folded(code, DOUBLES)
         plain = _numpy_constants(code)
         factors = dict[int, EnclosedConstant]()
         for item, told in zip(exact.instructions, compiled.instructions, strict=True):
