@@ -116,7 +116,7 @@ class Program:
         tolerance: The length of those above which the steps had not converged.
         example: Inputs at which it was recorded, in the order of the numbers.
         around: Inputs at closed states about it, alike.
-        source: What it was put together of; programs that were loaded, and steps, have none.
+        source: What it was put together of; programs that were loaded have none.
         region: Outside of which its status is 3; none where nothing was proved of it.
     """
 

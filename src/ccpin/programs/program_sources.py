@@ -22,12 +22,13 @@ class ProgramSource(NamedTuple):
 
     Attributes:
         closure: As many equations of x (and p) as numbers y of it depend; further inputs are not read.
-        inner: The outputs as functions of x, v, u, a and p, with linear solves.
+        inner: The outputs as functions of x, v, u, a, p and h, with linear solves.
         independent: Places of q in x.
-        sizes: Of x, v, u, a and p.
-        ports: The program's inputs by name, with sizes: q, y, then those of v, u, a, p that are read.
+        sizes: Of x, v, u, a and p; of a step's h after them.
+        ports: The program's inputs by name, with sizes: q, y, then those of v, u, a, p, h that are read.
         steps: Newton steps of σ, one more with the last matrix following; 0 where y is given closed.
         samples: Of the program's inputs, at which pivots are chosen, of shape (N, inputs), row by row.
+        checked: How many of the last outputs of `inner` are corrections of y, and no outputs.
     """
 
     closure: Code
@@ -37,6 +38,7 @@ class ProgramSource(NamedTuple):
     ports: tuple[tuple[str, int], ...]
     steps: int
     samples: tuple[tuple[float, ...], ...]
+    checked: int = 0
 
     @property
     def dependent(self) -> tuple[int, ...]:
@@ -50,7 +52,7 @@ class Assembled(NamedTuple):
     Attributes:
         code: Instructions without linear solves, and the outputs.
         pivots: Values that solves divide by.
-        iterates: Numbers of the values of y after each Newton step, and after the one more; none where y is given.
+        iterates: Numbers of the values of y after each Newton step of σ, and after the one more; none where y is given.
         corrections: Numbers of the last corrections of y.
     """
 
@@ -66,11 +68,13 @@ def assembled(source: ProgramSource) -> Assembled:
     ends = np.cumsum([size for _, size in source.ports])[:-1]
     given = dict(zip((name for name, _ in source.ports), np.split(_row(tape.inputs), ends), strict=True))
     q, y = given["q"], given["y"]
-    due = zip("vuap", source.sizes[1:], strict=True)
+    due = zip("vuaph", source.sizes[1:], strict=False)
     others = [entry for name, size in due for entry in given.get(name, np.zeros(size, dtype=object))]
     iterates, correction = _newton(tape, source, (q, y), others) if source.steps else ([], _row([]))
     end = iterates[-1] if iterates else y
     results = tape.inlined(source.inner, [*_placed(source, q, end), *others])
+    if source.checked:
+        results, correction = results[: -source.checked], _row(results[-source.checked :])
     asked = [*results, *(entry for each in iterates for entry in each), *correction]
     done = lowered(tape.code(asked), np.array(source.samples))
     outputs, m = done.code.outputs, len(y)
