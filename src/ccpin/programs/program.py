@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -45,8 +46,14 @@ WORDS = {
     COSINE: "cosine", GAIN: "gain", ROOT: "root", RECIPROCAL: "reciprocal", ANGLE: "angle",
 }  # fmt: skip
 _KINDS = {word: kind for kind, word in WORDS.items()}
+_OPERANDS = dict.fromkeys((ADD, SUBTRACT, MULTIPLY, GAIN, ANGLE), (2,)) | dict.fromkeys((SCALE, ROOT, RECIPROCAL), (1,))
+_OPERANDS |= {CONSTANT: (0,), SINE: (1, 2), COSINE: (1, 2)}
 _FORMAT, _VERSION = "ccpin.program", 1
-_NONE = (OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError)  # what reading no program raises
+_MOST = 10**7  # values of a program that is read
+_NONE = (  # what reading no program raises
+    OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError,
+)  # fmt: skip
+_RATIONAL = re.compile(r"-?\d{1,400}/\d{1,400}")  # no exponents, of which a few letters are a number without end
 SMALL_PIVOT = 1e-6  # of its size at the samples: a state at which a solve divides by less is refused
 
 
@@ -253,10 +260,10 @@ def _program_of(document: Any) -> Program:
     """
     if not isinstance(document, dict) or document.get("format") != _FORMAT:
         raise ValueError("it says nothing of ccpin.program")
-    if document["version"] != _VERSION:
+    if document["version"] != _VERSION or type(document["version"]) is not int:
         raise ValueError(f"it is of version {document['version']}, this ccpin reads {_VERSION}")
     reads, gives = (tuple(map(_port_of, document[side])) for side in ("inputs", "outputs"))
-    count, size = sum(port.size for port in reads), int(document["size"])
+    count, size = sum(port.size for port in reads), _whole(document["size"])
     instructions, defined = list[Instruction](), set(range(count))
     for entry in document["instructions"]:
         item = _read(entry)
@@ -264,24 +271,40 @@ def _program_of(document: Any) -> Program:
             raise ValueError(f"instruction {entry} has operands that are not there")
         defined.add(item.target)
         instructions.append(item)
-    results, corrections = tuple(map(int, document["results"])), tuple(map(int, document["corrections"]))
-    pivots = tuple(Pivot(int(number), float.fromhex(scale)) for number, scale in document["pivots"])
+    results, corrections = (tuple(map(_whole, document[key])) for key in ("results", "corrections"))
+    pivots = tuple(Pivot(_whole(number), _number(scale, 0.0)) for number, scale in document["pivots"])
     asked = {*results, *corrections, *(pivot.number for pivot in pivots)}
     if not defined.issuperset(asked) or len(results) != sum(port.size for port in gives):
         raise ValueError("its outputs are not there")
     code = Code(size, count, tuple(instructions), results)
-    example = tuple(map(float.fromhex, document["example"]))
-    around = tuple(tuple(map(float.fromhex, row)) for row in document["around"])
-    tolerance = float.fromhex(document["tolerance"])
-    return Program(str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example, around)
+    example, *around = (tuple(map(_number, row)) for row in (document["example"], *document["around"]))
+    if any(len(row) != count for row in (example, *around)) or len({port.name for port in reads}) < len(reads):
+        raise ValueError("examples of other inputs, or two of one name")
+    tolerance = _number(document["tolerance"])
+    return Program(str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example, tuple(around))
 
 
 def _port_of(entry: Any) -> Port:
-    shape, entries = tuple(map(int, entry["shape"])), tuple(map(str, entry["entries"]))
+    shape, entries = tuple(map(_whole, entry["shape"])), tuple(map(str, entry["entries"]))
     port = Port(str(entry["name"]), shape, str(entry["unit"]), entries)
     if len(entries) != port.size:
         raise ValueError(f"{port.name} has {len(entries)} entries for {port.size} numbers")
     return port
+
+
+def _whole(value: Any) -> int:
+    """A number that a list can have of entries."""
+    if type(value) is not int or not 0 <= value <= _MOST:
+        raise ValueError(f"{value!r} is no whole number from 0 to {_MOST}")
+    return value
+
+
+def _number(text: str, above: float = -math.inf) -> float:
+    """A finite number that `float.hex` wrote."""
+    value = float.fromhex(text)
+    if not above < value < math.inf:
+        raise ValueError(f"{text!r} is no finite number" + (f" above {above:g}" if above > -math.inf else ""))
+    return value
 
 
 def _written(item: Instruction) -> list[Any]:
@@ -292,11 +315,19 @@ def _written(item: Instruction) -> list[Any]:
 
 def _read(entry: Any) -> Instruction:
     word, target, *rest = entry
-    kind = _KINDS[word]
+    kind, constant = _KINDS[word], None
     if kind in (CONSTANT, SCALE):
-        *operands, constant = rest
-        return Instruction(kind, int(target), *map(int, operands), **{"constant": Fraction(constant)})
-    return Instruction(kind, int(target), *map(int, rest))
+        *rest, text = rest
+        if not _RATIONAL.fullmatch(text):
+            raise ValueError(f"{text[:40]!r} is no constant")
+        constant = Fraction(text)
+        if abs(constant) >= 2**1000:
+            raise ValueError(f"a constant of {len(text)} letters that no double is near")
+    operands = tuple(map(_whole, rest))
+    if len(operands) not in _OPERANDS[kind]:
+        raise ValueError(f"'{word}' of {len(operands)} operands")
+    a, b = (*operands, None, None)[:2]
+    return Instruction(kind, _whole(target), a, b, constant)
 
 
 def _entries(ports: Sequence[Port]) -> list[str]:
