@@ -46,8 +46,10 @@ WORDS = {
     COSINE: "cosine", GAIN: "gain", ROOT: "root", RECIPROCAL: "reciprocal", ANGLE: "angle",
 }  # fmt: skip
 _KINDS = {word: kind for kind, word in WORDS.items()}
-_OPERANDS = dict.fromkeys((ADD, SUBTRACT, MULTIPLY, GAIN, ANGLE), (2,)) | dict.fromkeys((SCALE, ROOT, RECIPROCAL), (1,))
-_OPERANDS |= {CONSTANT: (0,), SINE: (1, 2), COSINE: (1, 2)}
+_OPERANDS: dict[int, tuple[int, ...]] = {  # how many each kind has: of sine and cosine the second is the other of them
+    CONSTANT: (0,), ADD: (2,), SUBTRACT: (2,), MULTIPLY: (2,), SCALE: (1,), SINE: (1, 2), COSINE: (1, 2),
+    GAIN: (2,), ROOT: (1,), RECIPROCAL: (1,), ANGLE: (2,),
+}  # fmt: skip
 _FORMAT, _VERSION = "ccpin.program", 1
 _MOST = 10**7  # values of a program that is read
 _NONE = (  # what reading no program raises
