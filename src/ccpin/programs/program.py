@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.files import write_atomically
+from ccpin.programs.certified_region import OUTSIDE, CertifiedRegion, region_of
 from ccpin.programs.evaluation import values_of
 from ccpin.programs.instructions import (
     ADD,
@@ -37,6 +38,7 @@ from ccpin.programs.instructions import (
     Instruction,
 )
 from ccpin.programs.lowering import Pivot
+from ccpin.programs.sine_cosine import DOUBLE
 
 if TYPE_CHECKING:
     from ccpin.programs.program_sources import ProgramSource
@@ -90,7 +92,8 @@ class Answer(Mapping[str, Array]):
     """Outputs by name; `status` is 0 where they can be trusted.
 
     Attributes:
-        status: 0; 1 where a solve divided by what is almost 0; 2 where Newton's steps of σ had not converged.
+        status: 0; 1 where a solve divided by what is almost 0; 2 where Newton's steps of σ had not converged; 3 outside
+            the region of a program that has one.
     """
 
     def __init__(self, outputs: dict[str, Array], status: Any) -> None:
@@ -123,6 +126,7 @@ class Program:
         example: Inputs at which it was recorded, in the order of the numbers.
         around: Inputs at closed states about it, alike.
         source: What it was put together of; programs that were loaded, and steps, have none.
+        region: Outside of which its status is 3; none where nothing was proved of it.
     """
 
     name: str
@@ -135,6 +139,7 @@ class Program:
     example: tuple[float, ...] = ()
     around: tuple[tuple[float, ...], ...] = ()
     source: ProgramSource | None = None
+    region: CertifiedRegion | None = None
 
     def __call__(self, **inputs: ArrayLike) -> Answer:
         """The outputs at inputs of the ports' shapes, or of many at once along a first axis more."""
@@ -156,14 +161,17 @@ class Program:
         return Answer(found, status if many else int(status[0]))
 
     def _status(self, values: list[Any], rows: int) -> Any:
-        """0, 1 or 2 for every row."""
+        """0, 1, 2 or 3 for every row."""
         divides = np.zeros(rows, dtype=np.bool_)
         for pivot in self.pivots:
             divides |= ~(np.abs(values[pivot.number]) > SMALL_PIVOT * pivot.scale)
         moved = np.zeros(rows)
         for number in self.corrections:
             moved = moved + values[number] ** 2
-        return np.where(divides, 1, np.where(moved <= self.tolerance**2, 0, 2))
+        status = np.where(divides, 1, np.where(moved <= self.tolerance**2, 0, 2))
+        if self.region is None:
+            return status
+        return np.where(self.region.holds(values[: self.code.inputs], DOUBLE), status, OUTSIDE)
 
     def _numbers(self, inputs: dict[str, ArrayLike]) -> tuple[Array, bool]:
         """All inputs side by side, of shape (N, inputs), and whether there were many."""
@@ -197,7 +205,8 @@ class Program:
 
     def __repr__(self) -> str:
         ports = (", ".join(f"{port.name} {port.shape}" for port in group) for group in (self.inputs, self.outputs))
-        return "Program({}: {} → {}; {} operations)".format(self.name, *ports, sum(self.operations.values()))
+        where = "" if self.region is None else ", refused outside a region"
+        return "Program({}: {} → {}; {} operations{})".format(self.name, *ports, sum(self.operations.values()), where)
 
     def __str__(self) -> str:
         """It as mathematics, a line a value."""
@@ -247,6 +256,7 @@ class Program:
             "corrections": list(self.corrections), "tolerance": self.tolerance.hex(),
             "example": [value.hex() for value in self.example],
             "around": [[value.hex() for value in row] for row in self.around],
+            **({} if self.region is None else {"region": self.region.document()}),
         }  # fmt: skip
 
 
@@ -283,7 +293,11 @@ def _program_of(document: Any) -> Program:
     if any(len(row) != count for row in (example, *around)) or len({port.name for port in reads}) < len(reads):
         raise ValueError("examples of other inputs, or two of one name")
     tolerance = _number(document["tolerance"])
-    return Program(str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example, tuple(around))
+    region = region_of(document["region"], count) if "region" in document else None
+    rows = tuple(around)
+    return Program(
+        str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example, rows, region=region
+    )
 
 
 def _port_of(entry: Any) -> Port:
