@@ -36,6 +36,7 @@ from ccpin.programs.instructions import (
     Instruction,
 )
 from ccpin.programs.lowering import Pivot
+from ccpin.programs.sine_cosine import DOUBLE
 
 if TYPE_CHECKING:
     from ccpin.programs.program_sources import ProgramSource
@@ -81,7 +82,8 @@ class Answer(Mapping[str, Array]):
     """Outputs by name; `status` is 0 where they can be trusted.
 
     Attributes:
-        status: 0; 1 where a solve divided by what is almost 0; 2 where Newton's steps of σ had not converged.
+        status: 0; 1 where a solve divided by what is almost 0, or an angle is none or beyond 1e5 rad, where compiled
+            sines are wrong; 2 where Newton's steps of σ had not converged.
     """
 
     def __init__(self, outputs: dict[str, Array], status: Any) -> None:
@@ -110,9 +112,10 @@ class Program:
         code: The instructions, without linear solves.
         pivots: Values that solves divide by.
         corrections: Numbers of the last corrections of σ's Newton steps; none where q′ is given closed.
-        tolerance: The length of those above which the steps had not converged.
+        tolerance: The length of those from which on the steps had not converged.
         example: Inputs at which it was recorded, in the order of the numbers.
         around: Inputs at closed states about it, alike.
+        notes: What else whoever calls it has to know, a line each.
         source: What it was put together of; programs that were loaded, and steps, have none.
     """
 
@@ -125,14 +128,16 @@ class Program:
     tolerance: float = 0.0
     example: tuple[float, ...] = ()
     around: tuple[tuple[float, ...], ...] = ()
+    notes: tuple[str, ...] = ()
     source: ProgramSource | None = None
 
     def __call__(self, **inputs: ArrayLike) -> Answer:
         """The outputs at inputs of the ports' shapes, or of many at once along a first axis more."""
         numbers, many = self._numbers(inputs)
+        rows = len(numbers)
         with np.errstate(all="ignore"):
             values = values_of(self.code, list(numbers.T), np)
-        rows = len(numbers)
+            status = self._status(values, rows)
         found = dict[str, Array]()
         for port, window in zip(self.outputs, windows(self.outputs), strict=True):
             columns = [values[k] for k in self.code.outputs[window]]
@@ -143,18 +148,20 @@ class Program:
             )
             shaped = table.reshape(rows, *port.shape)
             found[port.name] = shaped if many else shaped[0]
-        status = self._status(values, rows)
         return Answer(found, status if many else int(status[0]))
 
     def _status(self, values: list[Any], rows: int) -> Any:
         """0, 1 or 2 for every row."""
         divides = np.zeros(rows, dtype=np.bool_)
+        for angle in {item.a: None for item in self.code.instructions if item.kind in (SINE, COSINE)}:
+            divides |= ~(np.square(values[angle]) < DOUBLE.reach**2)
         for pivot in self.pivots:
-            divides |= ~(np.abs(values[pivot.number]) > SMALL_PIVOT * pivot.scale)
+            divides |= ~(np.square(values[pivot.number]) > (SMALL_PIVOT * pivot.scale) ** 2)
         moved = np.zeros(rows)
         for number in self.corrections:
             moved = moved + values[number] ** 2
-        return np.where(divides, 1, np.where(moved <= self.tolerance**2, 0, 2))
+        stays = moved < self.tolerance**2 if self.corrections else True
+        return np.where(divides, 1, np.where(stays, 0, 2))
 
     def _numbers(self, inputs: dict[str, ArrayLike]) -> tuple[Array, bool]:
         """All inputs side by side, of shape (N, inputs), and whether there were many."""
@@ -237,7 +244,7 @@ class Program:
             "pivots": [[pivot.number, pivot.scale.hex()] for pivot in self.pivots],
             "corrections": list(self.corrections), "tolerance": self.tolerance.hex(),
             "example": [value.hex() for value in self.example],
-            "around": [[value.hex() for value in row] for row in self.around],
+            "around": [[value.hex() for value in row] for row in self.around], "notes": list(self.notes),
         }  # fmt: skip
 
 
@@ -272,8 +279,8 @@ def _program_of(document: Any) -> Program:
     code = Code(size, count, tuple(instructions), results)
     example = tuple(map(float.fromhex, document["example"]))
     around = tuple(tuple(map(float.fromhex, row)) for row in document["around"])
-    tolerance = float.fromhex(document["tolerance"])
-    return Program(str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example, around)
+    tolerance, notes = float.fromhex(document["tolerance"]), tuple(map(str, document["notes"]))
+    return Program(str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example, around, notes)
 
 
 def _port_of(entry: Any) -> Port:
