@@ -92,8 +92,8 @@ class Answer(Mapping[str, Array]):
     """Outputs by name; `status` is 0 where they can be trusted.
 
     Attributes:
-        status: 0; 1 where a solve divided by what is almost 0; 2 where Newton's steps of σ had not converged; 3 outside
-            the region of a program that has one.
+        status: 0; 1 where a solve divided by what is almost 0, or an angle is none or beyond 1e5 rad, where compiled
+            sines are wrong; 2 where Newton's steps of σ had not converged; 3 outside the region of a program with one.
     """
 
     def __init__(self, outputs: dict[str, Array], status: Any) -> None:
@@ -122,9 +122,10 @@ class Program:
         code: The instructions, without linear solves.
         pivots: Values that solves divide by.
         corrections: Numbers of the last corrections of σ's Newton steps; none where q′ is given closed.
-        tolerance: The length of those above which the steps had not converged.
+        tolerance: The length of those from which on the steps had not converged.
         example: Inputs at which it was recorded, in the order of the numbers.
         around: Inputs at closed states about it, alike.
+        notes: What else whoever calls it has to know, a line each.
         source: What it was put together of; programs that were loaded, and steps, have none.
         region: Outside of which its status is 3; none where nothing was proved of it.
     """
@@ -138,15 +139,17 @@ class Program:
     tolerance: float = 0.0
     example: tuple[float, ...] = ()
     around: tuple[tuple[float, ...], ...] = ()
+    notes: tuple[str, ...] = ()
     source: ProgramSource | None = None
     region: CertifiedRegion | None = None
 
     def __call__(self, **inputs: ArrayLike) -> Answer:
         """The outputs at inputs of the ports' shapes, or of many at once along a first axis more."""
         numbers, many = self._numbers(inputs)
+        rows = len(numbers)
         with np.errstate(all="ignore"):
             values = values_of(self.code, list(numbers.T), np)
-        rows = len(numbers)
+            status = self._status(values, rows)
         found = dict[str, Array]()
         for port, window in zip(self.outputs, windows(self.outputs), strict=True):
             columns = [values[k] for k in self.code.outputs[window]]
@@ -157,18 +160,20 @@ class Program:
             )
             shaped = table.reshape(rows, *port.shape)
             found[port.name] = shaped if many else shaped[0]
-        status = self._status(values, rows)
         return Answer(found, status if many else int(status[0]))
 
     def _status(self, values: list[Any], rows: int) -> Any:
         """0, 1, 2 or 3 for every row."""
         divides = np.zeros(rows, dtype=np.bool_)
+        for angle in {item.a: None for item in self.code.instructions if item.kind in (SINE, COSINE)}:
+            divides |= ~(np.square(values[angle]) < DOUBLE.reach**2)
         for pivot in self.pivots:
-            divides |= ~(np.abs(values[pivot.number]) > SMALL_PIVOT * pivot.scale)
+            divides |= ~(np.square(values[pivot.number]) > (SMALL_PIVOT * pivot.scale) ** 2)
         moved = np.zeros(rows)
         for number in self.corrections:
             moved = moved + values[number] ** 2
-        status = np.where(divides, 1, np.where(moved <= self.tolerance**2, 0, 2))
+        stays = moved < self.tolerance**2 if self.corrections else True
+        status = np.where(divides, 1, np.where(stays, 0, 2))
         if self.region is None:
             return status
         return np.where(self.region.holds(values[: self.code.inputs], DOUBLE), status, OUTSIDE)
@@ -255,7 +260,7 @@ class Program:
             "pivots": [[pivot.number, pivot.scale.hex()] for pivot in self.pivots],
             "corrections": list(self.corrections), "tolerance": self.tolerance.hex(),
             "example": [value.hex() for value in self.example],
-            "around": [[value.hex() for value in row] for row in self.around],
+            "around": [[value.hex() for value in row] for row in self.around], "notes": list(self.notes),
             **({} if self.region is None else {"region": self.region.document()}),
         }  # fmt: skip
 
@@ -289,15 +294,12 @@ def _program_of(document: Any) -> Program:
     if not defined.issuperset(asked) or len(results) != sum(port.size for port in gives):
         raise ValueError("its outputs are not there")
     code = Code(size, count, tuple(instructions), results)
-    example, *around = (tuple(map(_number, row)) for row in (document["example"], *document["around"]))
-    if any(len(row) != count for row in (example, *around)) or len({port.name for port in reads}) < len(reads):
+    example, *rows = (tuple(map(_number, row)) for row in (document["example"], *document["around"]))
+    if any(len(row) != count for row in (example, *rows)) or len({port.name for port in reads}) < len(reads):
         raise ValueError("examples of other inputs, or two of one name")
-    tolerance = _number(document["tolerance"])
+    tolerance, notes, name = _number(document["tolerance"]), tuple(map(str, document["notes"])), str(document["name"])
     region = region_of(document["region"], count) if "region" in document else None
-    rows = tuple(around)
-    return Program(
-        str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example, rows, region=region
-    )
+    return Program(name, reads, gives, code, pivots, corrections, tolerance, example, tuple(rows), notes, region=region)
 
 
 def _port_of(entry: Any) -> Port:
