@@ -11,7 +11,7 @@ from typing import Any
 import shtab
 
 from ccpin.cli.command import add_command, complete, count, judged
-from ccpin.cli.laws import add_law, law_of
+from ccpin.cli.laws import TRACKING, add_gains, law_of
 from ccpin.cli.options import add_mechanism, add_vector, load, region, vector
 from ccpin.cli.progress import busy
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -23,6 +23,7 @@ from ccpin.programs.sine_cosine import PRECISIONS
 _EXAMPLES = """\
 example: ccpin export rpdr --what forward_dynamics --out firmware
          ccpin export rpdr --what sigma torque --given near --precision float --goal-deg -90 -100 --out firmware
+         ccpin export rpdr --what sigma torque --given near --law computed_torque --out firmware
          ccpin export rpdr --target json --what mass gravity --name rpdr_terms --out firmware
          ccpin export rpdr --what mass --lower-deg -92 -92 --upper-deg -88 -88 --save mass.npz --out firmware"""
 
@@ -41,8 +42,18 @@ def add_export(commands: Any) -> None:
     parser.add_argument("--derivatives", nargs="+", default=(), metavar="BY", help=also)
     parser.add_argument("--precision", choices=tuple(PRECISIONS), default="double", help="of C's arithmetic")
     parser.add_argument("--name", metavar="NAME", help="of function and files (default: of mechanism and what)")
-    add_vector(parser, "goal", "the set point of torque and lyapunov (default: the reference)")
-    add_law(parser)
+    add_vector(
+        parser, "goal", "the set point of torque and lyapunov, about which gains are chosen (default: the reference)"
+    )
+    laws = (
+        "the law of torque: PD with gravity at the goal (simple, the default) or at q (full); or one whose reference "
+        "q_d, v_d, a_d is an input: PD with gravity at q (online), PD+, computed torque; its efforts are not clipped "
+        "to the motors' limits"
+    )
+    parser.add_argument("--law", choices=("simple", "full", *TRACKING), default="simple", help=laws)
+    add_gains(parser)
+    moves = "the set point of simple and full is an input, too: q_d, and of simple its gravity g_d"
+    parser.add_argument("--moving", action="store_true", help=moves)
     add_vector(parser, "lower", "lower corner of a box of q: what it computes there is proved, all else refused")
     add_vector(parser, "upper", "upper corner of that box")
     within = "of a box: bounds of the other inputs' absolute values, as v=1 u=2,2.5"
@@ -71,6 +82,7 @@ def _export(options: argparse.Namespace) -> int:
             steps=options.steps,
             derivatives=tuple(options.derivatives),
             law=law,
+            moving=options.moving or (law is not None and options.law in TRACKING),
         )
     box, bounds = region(options, mechanism), _bounds(options.bounds)
     if box is None and (bounds or options.save):
@@ -101,11 +113,12 @@ def _export(options: argparse.Namespace) -> int:
             "digest": program.digest,
             "operations": program.operations,
         }
-        told |= {"statement": None if program.region is None else program.region.statement}
+        told |= {"statement": None if program.region is None else program.region.statement, "notes": program.notes}
         print(json.dumps(told | ports, indent=2))
         return 0
     reads, gives = (", ".join(port.name for port in group) for group in (program.inputs, program.outputs))
     print(f"{program.name}: {reads} ↦ {gives}, {sum(program.operations.values())} operations")
+    print(*program.notes, sep="\n", end="\n" if program.notes else "")
     if program.region is not None:
         print(program.region.statement)
     print(f"wrote {', '.join(map(str, [*files, *([options.save] if options.save else [])]))}")

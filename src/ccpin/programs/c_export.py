@@ -125,6 +125,7 @@ def _comment(program: Program, name: str, precision: Precision, kernel: Text) ->
             if not program.corrections
             else ["y is of a closed configuration near q on the same branch (the last one): sigma(q) is found from it"]
         ),
+        *program.notes,
         "",
         "Returns one of",
         f"  {name}_OK: the outputs can be trusted",
