@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from contextlib import suppress
 
+from ccpin.arrays import Array
 from ccpin.control.control_law import ControlLaw, stated, undelayed
+from ccpin.control.laws import SetPointLaw
+from ccpin.control.tracking import TrackingLaw
+from ccpin.dynamics.drives import too_weak
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.errors import SlowRunWarning
+from ccpin.errors import CcpinError, SlowRunWarning
 from ccpin.native import backend
 from ccpin.simulation.integration.coordinate_switching import CoordinateSwitching
 from ccpin.simulation.integration.core_numbers import TABLEAUX, law_numbers
+from ccpin.simulation.results.limit_violations import at_effort_limits
 
 _LONG = 10.0  # s in Python: whoever waits longer is warned
+AT_LIMITS = "efforts at their limits"
+"""What a note begins with that tells which motors gave all they have, though they can hold start and goal."""
 
 
 def stepped_in_python(model: ReducedModel, law: ControlLaw, method: str, plain: bool, spent: float) -> str:
@@ -47,3 +55,31 @@ def on_balls(switching: CoordinateSwitching) -> Iterator[str]:
     """What tells that revolutes are integrated as balls."""
     for name in switching.balls:
         yield f"integrated as a ball joint, as its axes meet with no mass between them: {name}"
+
+
+def of_efforts(model: ReducedModel, law: ControlLaw, q_free: Array, u: Array) -> Iterator[str]:
+    """Of a motion along which motors gave all they have: whether they can hold its start and goal, or which these are.
+
+    Args:
+        model: The reduced model.
+        law: The law.
+        q_free: Configurations, of shape (T, nq).
+        u: What the motors gave, of shape (T, motors).
+    """
+    at = at_effort_limits(model.mechanism, u)
+    if not at:
+        return
+    goal = _goal(model, undelayed(law))
+    poses = {"at the start": q_free[0]} | ({} if goal is None else {"at the goal": goal})
+    weak = too_weak(model.mechanism, poses, model.free_system)
+    yield weak or f"{AT_LIMITS}: {', '.join(at)}"
+
+
+def _goal(model: ReducedModel, law: ControlLaw) -> Array | None:
+    """Where a law leads to, as q′ of shape (nq,), if it is one that says so and σ is there."""
+    if not isinstance(law, SetPointLaw | TrackingLaw):
+        return None
+    q = law.q_d if isinstance(law, SetPointLaw) else law.reference.at(law.reference.duration).q
+    with suppress(CcpinError):
+        return model.at(q, law.near.q_free).q_free
+    return None
