@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +25,11 @@ from ccpin.control.control_law import NoTorque
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 
-TRACKING = {"online": PDOnlineGravity, "pd_plus": PDPlus, "computed_torque": ComputedTorque}
+TRACKING: dict[str, Callable[..., ControlLaw]] = {
+    "online": PDOnlineGravity,
+    "pd_plus": PDPlus,
+    "computed_torque": ComputedTorque,
+}
 _RATE = 10.0  # rad/s, of computed torque: K_p = ω², K_v = 2ω
 
 
