@@ -71,7 +71,7 @@ _MOVES = (
 )
 _DEFECT = ("validated/flow/test_sharp_defect.py",)
 _TAPES = "programs/test_tape.py"
-_BRANCHES = ("validated/programs/test_program_claims.py", "validated/programs/test_false_programs.py")
+_BRANCHES = tuple(f"validated/programs/test_{name}.py" for name in ("sharp_tubes", "program_claims", "false_programs"))
 _GUARDED = "validated/programs/test_guarded_programs.py"
 _PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
@@ -178,6 +178,13 @@ ROOMS: tuple[Room, ...] = (
         "validated/programs/steps_claim",
         ("_OUT", "StepsFindSigma.examined", "StepsFindSigma._factor"),
         _BRANCHES,
+        (
+            (
+                "-m + np.arange(m)",
+                "without -m",
+                "terms of η have 0 in the middle: of which axes they are, no product knows",
+            ),
+        ),
     ),
     Room(
         "validated/programs/rounding_claim",
