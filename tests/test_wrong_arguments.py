@@ -354,6 +354,7 @@ def _validated(b):
         "enclose_set": (validated.enclose_set, run | spread | {"longest_slice": 1.0, "period": None}),
         "certify_move": (validated.certify_move, run | spread | {"arrival": 1.0, "spread": 0.0}),
         "certify_program": (validated.certify_program, _program(b)),
+        "ProgramCertificate.load": (validated.ProgramCertificate.load, {"path": b.folder / "absent.npz"}),
     }
 
 

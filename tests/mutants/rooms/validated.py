@@ -204,6 +204,7 @@ ROOMS: tuple[Room, ...] = (
             "ProgramCertificate._about",
             "ProgramCertificate._rests",
             "ProgramCertificate.always_trusted",
+            "ProgramCertificate._possible",
             "ProgramCertificate._by_port",
             "ProgramCertificate.guarded",
             "_bits",
@@ -211,6 +212,11 @@ ROOMS: tuple[Room, ...] = (
             "_down",
         ),
         (*_BRANCHES, "validated/programs/test_program_certificates.py", _GUARDED),
+    ),
+    Room(
+        "validated/programs/certificate_documents",
+        ("read_certificate", "_source_of", "_code_of", "_instruction", "_count", "_text", "_number"),
+        ("validated/programs/test_certificate_documents.py",),
     ),
     Room("programs/certified_region", ("CertifiedRegion.ends", "CertifiedRegion.holds", "_is_region"), (_GUARDED,)),
     Room(
@@ -691,6 +697,11 @@ EXCUSED: tuple[Excused, ...] = (
     Excused("validated/programs/proposals", (), "proposes cells and tubes: `BranchOverCells` says what is proved"),
     Excused("validated/programs/certifying", (), "proposes starts and cuts: the claims say what is proved"),
     Excused(
+        "validated/programs/certificate_documents",
+        ("CERTIFIED_PROGRAM", "_LARGEST", "_MANY", "write_certificate", "_source_text", "_written", "_counts"),
+        "what files look like, and from which sizes on they are refused: what is read is proved again",
+    ),
+    Excused(
         "validated/programs/guarding",
         (),
         "from where on y is refused: the statement says how near it must be, whatever is let in",
@@ -709,6 +720,9 @@ EXCUSED: tuple[Excused, ...] = (
             "ProgramCertificate._status",
             "ProgramCertificate.statement",
             "ProgramCertificate.replay",
+            "ProgramCertificate.save",
+            "ProgramCertificate.load",
+            "ProgramCertificate.is_about",
             "ProgramCertificate.bits",
             "ProgramCertificate.ranges",
             "_numbers",

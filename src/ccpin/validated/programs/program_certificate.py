@@ -6,17 +6,22 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
-from ccpin.errors import InvalidInputError
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.mechanism.mechanism import Mechanism
 from ccpin.programs.certified_region import CertifiedRegion
 from ccpin.programs.program import SMALL_PIVOT, Program, windows
+from ccpin.programs.recordings import record
 from ccpin.proof.facts import Fact, is_fact, prove
 from ccpin.proof.verdict import Judged, Verdict, not_known_of
 from ccpin.validated.programs.branch_claim import BranchOverCells
+from ccpin.validated.programs.certificate_documents import read_certificate, write_certificate
 from ccpin.validated.programs.error_sweeps import FORMATS
 from ccpin.validated.programs.guarding import example_rows, tube_hull
 from ccpin.validated.programs.rounding_claim import ProgramComputed
@@ -102,6 +107,8 @@ class ProgramCertificate(Judged):
         """Whether a branch is that of this program over this box."""
         made, program = claim.equations.made, self.program
         same = (made.code, made.pivots, made.corrections) == (program.code, program.pivots, program.corrections)
+        ports = tuple((port.name, port.size) for port in program.inputs)
+        same = same and ports == claim.equations.source.ports
         same = same and program.region is None  # one with a region has another status
         return same and np.array_equal(claim.lower, self.lower) and np.array_equal(claim.upper, self.upper)
 
@@ -145,10 +152,15 @@ class ProgramCertificate(Judged):
 
     def always_trusted(self, format: str = "double") -> bool:
         """Whether the program's status is proved to be 0 all over the region."""
-        found = self._fact(format).found
-        due = np.array([SMALL_PIVOT * pivot.scale for pivot in self.program.pivots])
+        return self._possible(format) == [0]
+
+    def _possible(self, format: str) -> list[int]:
+        """What the status may be in the region: pivots are squared, as corrections are, before they are compared."""
+        found, least = self._fact(format).found, {each.name: each.least for each in FORMATS}[format]
+        due = np.array([max(SMALL_PIVOT * abs(pivot.scale), math.sqrt(least)) for pivot in self.program.pivots])
         large = np.all(found["pivots"] > 2.0 * due)
-        return bool(large and found["correction"][0] <= 0.9 * self.program.tolerance)
+        near = found["correction"][0] <= 0.9 * self.program.tolerance or not self.program.corrections
+        return [0, *([] if large else [1]), *([] if near else [2])]
 
     def _fact(self, format: str) -> Fact:
         known = self._by_format
@@ -163,7 +175,8 @@ class ProgramCertificate(Judged):
     @property
     def _status(self) -> str:
         sure = [name for name in self._by_format if self.always_trusted(name)]
-        return f"status is 0 in {' and '.join(sure)}" if sure else "status may be 2"
+        may = " or ".join(map(str, self._possible(next(iter(self._by_format)))[1:]))
+        return f"status is 0 in {' and '.join(sure)}" if sure else f"status may be {may}"
 
     def statement(self) -> str:
         """A few lines that say what was proved, for whoever has the program alone."""
@@ -182,7 +195,7 @@ class ProgramCertificate(Judged):
         for name, fact in self._by_format.items():
             pivots, size = fact.found["pivots"], float(fact.found["size"].max())
             least = _down(float(pivots.min(initial=math.inf)))
-            status = "0" if self.always_trusted(name) else "0 or 2"
+            status = " or ".join(map(str, self._possible(name)))
             lines.append(
                 f"in {name} it divides by no less than {least}, no value exceeds {_up(size)}, status is {status},"
             )
@@ -211,6 +224,41 @@ class ProgramCertificate(Judged):
         region = CertifiedRegion(lower, upper, tuple(self._by_format), self.statement())
         first, *others = example_rows(self.branch, self.bounds)
         return replace(self.program, region=region, example=first, around=tuple(others))
+
+    def save(self, path: str | Path) -> None:
+        """Write it as a document (``.json``, else npz), which `load` reads and ``ccpin verify`` replays.
+
+        Raises:
+            InvalidInputError: Nothing is proved, or the file cannot be written.
+        """
+        if not self._known:
+            raise InvalidInputError(f"there is nothing to save: {self.reason}")
+        assert self.branch is not None
+        found = {name: getattr(self, name) for name in ("lower", "upper", "bounds", "start")}
+        write_certificate(path, self.program, found, self.branch.claim, list(self._by_format))
+
+    @classmethod
+    def load(cls, path: str | Path) -> ProgramCertificate:
+        """What `save` wrote, undecided until it is replayed.
+
+        Raises:
+            InvalidInputError: The file is none, or is damaged.
+        """
+        program, found, claims = read_certificate(path)
+        lower, upper, bounds, start = (found[name] for name in ("lower", "upper", "bounds", "start"))
+        return cls(program, lower, upper, bounds, claims.branch, claims.steps, claims.computed, start=start)
+
+    def is_about(self, mechanism: Mechanism) -> bool:
+        """Whether the closures are a mechanism's, operation by operation, as they are recorded today."""
+        symbols = [port.entries for port in self.program.inputs if port.name == "p"]
+        try:
+            today = record(ReducedModel(mechanism), "closure", parameters=symbols[0] if symbols else ()).source
+        except CcpinError:
+            return False
+        own = self.program.source
+        if own is None or today is None or own.independent != today.independent:
+            return False
+        return own.closure._replace(size=0) == today.closure._replace(size=0)
 
     def replay(self) -> ProgramCertificate:
         """The same with every fact proved once more from its data.
