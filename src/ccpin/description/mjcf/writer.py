@@ -11,6 +11,7 @@ from numpy.polynomial import Polynomial
 from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
+from ccpin.description.elements.graph import zero_poses
 from ccpin.description.elements.omissions import left_out, not_written
 from ccpin.description.elements.xml import XmlElement, cannot, saved, written
 from ccpin.description.mjcf.schema import FORCES, KINDS, WORLD
@@ -38,7 +39,8 @@ def write_mjcf(description: MechanismDescription, path: str | Path) -> tuple[str
 
     A massless link between two joints goes into the body after it, as MuJoCo asks; reading it makes it anew. A
     revolute closure, which MJCF has not, becomes two connects on its axis. A coupling is an equality of two joints, or
-    of <fixed> tendons where it sums more. Poses are keyframes, the reference pose the one called "reference". Bodies'
+    of <fixed> tendons where it sums more, a distance one of a <spatial> tendon. What the file told MuJoCo's solver
+    (`SolverWords`) is told again; `tightened` makes it hold loops as tightly as it can. Poses are keyframes, the reference pose the one called "reference". Bodies'
     visuals are geoms that touch nothing; meshes that are not there, or of another kind than STL, OBJ and MSH, are not
     drawn. Which joints are independent, velocity limits and notes have no place in MJCF.
 
@@ -78,7 +80,10 @@ class _MjcfWriter:
     def document(self) -> XmlElement:
         """The whole file."""
         etree.SubElement(self.root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
-        etree.SubElement(self.root, "option", gravity=written(self.description.gravity))
+        solver = self.description.solver
+        option = etree.SubElement(self.root, "option", gravity=written(self.description.gravity), **solver.options)
+        if solver.flags:
+            etree.SubElement(option, "flag", **solver.flags)
         assets = etree.SubElement(self.root, "asset")
         world = etree.SubElement(self.root, "worldbody")
         self.tree(world)
@@ -152,7 +157,8 @@ class _MjcfWriter:
         kind = _TYPES[joint.kind]
         if kind == "ball" and not np.allclose(place[:3, :3], np.eye(3), atol=1e-12):
             raise cannot(self.description, f"joint '{joint.name}'", "its massless link is turned against the next body")
-        element = etree.SubElement(body, "joint", name=joint.name, type=kind)
+        soft = self.description.solver.joints.get(joint.name, {})
+        element = etree.SubElement(body, "joint", name=joint.name, type=kind, **soft)
         self.order.append(joint)
         if kind in ("hinge", "slide"):
             element.set("axis", written(place[:3, :3] @ joint.axis))
@@ -204,8 +210,11 @@ class _MjcfWriter:
         """Closures between sites, couplings between joints."""
         section = etree.SubElement(self.root, "equality")
         for closure in self.description.closures:
+            if closure.kind == "distance":
+                self.rod(section, closure)
+                continue
             if closure.kind not in _CLOSURES:
-                message = f"MJCF has no {closure.kind} closure, only {', '.join(_CLOSURES)}"
+                message = f"MJCF has no {closure.kind} closure, only {', '.join(_CLOSURES)}, distance"
                 raise cannot(self.description, f"closure '{closure.name}'", message)
             if closure.kind == "fixed":
                 self.between(section, "weld", closure.name, closure, IDENTITY)
@@ -219,13 +228,35 @@ class _MjcfWriter:
 
     def between(self, section: XmlElement, kind: str, name: str, closure: LoopClosure, along: Array) -> None:
         """One equality between a site on each of the two bodies."""
+        first, second = self.sites(name, closure, along)
+        etree.SubElement(section, kind, name=name, site1=first, site2=second, **self.softness(closure.name))
+
+    def softness(self, name: str) -> Mapping[str, str]:
+        """What the file said of how soft a closure or coupling is."""
+        return self.description.solver.equalities.get(name, {})
+
+    def rod(self, section: XmlElement, closure: LoopClosure) -> None:
+        """A tendon straight from site to site, as much longer than where the bodies are drawn as its length asks."""
+        poses = zero_poses(self.description.root, self.description.joints)
+        a, b = (poses[link] @ place for link, place in closure.ends)
+        longer = float(closure.length or 0.0) - float(np.linalg.norm((b - a)[:3, 3]))
+        tendons = self.root.find("tendon")
+        tendons = etree.SubElement(self.root, "tendon") if tendons is None else tendons
+        tendon = etree.SubElement(tendons, "spatial", name=f"{closure.name}_rod")
+        for site in self.sites(closure.name, closure, IDENTITY):
+            etree.SubElement(tendon, "site", site=site)
+        said = {"name": closure.name, "tendon1": f"{closure.name}_rod", "polycoef": written([longer, 0, 0, 0, 0])}
+        etree.SubElement(section, "tendon", said, **self.softness(closure.name))
+
+    def sites(self, name: str, closure: LoopClosure, along: Array) -> list[str]:
+        """A site on each of the two bodies; returns their names."""
         sites = []
         for side, (link, placement) in zip("ab", closure.ends, strict=True):
             sites.append(f"{name}_{side}")
             place = np.asarray(placement) @ along
             # sites stand after a body's joints and geoms, before the bodies on it
             etree.SubElement(self.bodies[link], "site", name=sites[-1], **({"pos": "0 0 0"} | _pose(place)))
-        etree.SubElement(section, kind, name=name, site1=sites[0], site2=sites[1])
+        return sites
 
     def coupling(self, section: XmlElement, coupling: Coupling) -> None:
         """y = p(x), or y constant, by joint displacements from zero, where the bodies are drawn."""
@@ -254,7 +285,7 @@ class _MjcfWriter:
             names = [self.tendon(f"{coupling.name}_sum", {term.joint: _trimmed(term)[1] for term in own})]
             names += [self.tendon(f"{coupling.name}_by", {term.joint: 1.0}) for term in curved]
         said |= {f"{kind}{place}": name for place, name in enumerate(names, start=1)}
-        etree.SubElement(section, kind, said)
+        etree.SubElement(section, kind, said, **self.softness(coupling.name))
 
     def tendon(self, name: str, coefficients: Mapping[str, float]) -> str:
         """A <fixed> tendon, whose length is a sum of joint displacements; returns its name."""
