@@ -72,6 +72,7 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
         "equality/joint": f"{_EQUALITY} joint1 joint2 polycoef",
         "equality/tendon": f"{_EQUALITY} tendon1 tendon2 polycoef",
         "fixed/joint": "joint coef",
+        "spatial/site": "site",
         "freejoint": "name group align",
         "geom": f"{_GEOM} {_FRAME}",
         "site": f"name class type group material size fromto mesh rgba user {_FRAME}",

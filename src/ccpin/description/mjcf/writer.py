@@ -15,6 +15,7 @@ from ccpin.description.elements.graph import zero_poses
 from ccpin.description.elements.omissions import left_out, not_written
 from ccpin.description.elements.xml import XmlElement, cannot, saved, written
 from ccpin.description.mjcf.schema import FORCES, KINDS, WORLD
+from ccpin.description.mjcf.tightening import tightened
 from ccpin.description.model import (
     IDENTITY,
     Coupling,
@@ -30,6 +31,7 @@ from ccpin.description.model import (
 
 _TYPES = {kind: word for word, kind in KINDS.items()} | {"continuous": "hinge"}
 _CLOSURES = ("spherical", "revolute", "fixed")
+_EFFORTS = "limits of effort of 0, and of joints of several velocities"  # 0 is none there, nor is it of a motor here
 _MESHES = (".stl", ".obj", ".msh")
 _LARGEST_POWER = 4  # of x in an equality's polycoef
 
@@ -52,19 +54,30 @@ def write_mjcf(description: MechanismDescription, path: str | Path) -> tuple[str
             mass, a coupling in which more than one joint is curved.
         InvalidInputError: The file cannot be written.
     """
-    writer = _MjcfWriter(description)
+    writer = _MjcfWriter(description, Path(path).parent)
     saved(writer.document(), path)
-    words = ("which joints are independent", "limits of velocity", "limits of position on one side")
+    words = ("which joints are independent", "limits of velocity", "limits of position on one side", _EFFORTS)
     motors = ("bounds of motors on one side", "the loops closed around motors")
     meshes = "meshes that are not there or neither STL, OBJ nor MSH"
-    return (*left_out(description, "MJCF", *words, *motors), *not_written("MJCF", meshes, writer.undrawn))
+    told = (*left_out(description, "MJCF", *words, *motors), *not_written("MJCF", meshes, writer.undrawn))
+    return (*told, *_softly_held(description))
+
+
+def _softly_held(description: MechanismDescription) -> tuple[str, ...]:
+    """A sentence on the loops that MuJoCo holds by its own numbers, or by the file's."""
+    names = [each.name for each in (*description.closures, *description.couplings)]
+    stated = [name for name in names if name in description.solver.equalities]
+    if not names or description.solver == tightened(description).solver:
+        return ()
+    whose = "as the file read states (solref, solimp)" if stated else "by its own solref and solimp"
+    return (f"MuJoCo holds loops softly, {whose}: they open by what a run shows; loops='tight' holds them closed",)
 
 
 class _MjcfWriter:
     """One document."""
 
-    def __init__(self, description: MechanismDescription) -> None:
-        self.description = description
+    def __init__(self, description: MechanismDescription, folder: Path) -> None:
+        self.description, self.folder = description, folder
         self.links = {link.name: link for link in description.links}
         self.below: dict[str, list[Joint]] = {}
         for joint in description.joints:
@@ -171,7 +184,7 @@ class _MjcfWriter:
                 element.set(attribute, written(getattr(joint, field)))
         if joint.stiffness and kind != "ball":
             element.set("springref", written(joint.spring_reference))
-        if np.isfinite(joint.effort) and kind in ("hinge", "slide"):
+        if np.isfinite(joint.effort) and joint.effort and kind in ("hinge", "slide"):
             element.set("actuatorfrcrange", written([-joint.effort, joint.effort]))
 
     def dress(self, body: XmlElement, link: Link) -> None:
@@ -197,7 +210,7 @@ class _MjcfWriter:
         said |= {"contype": "0", "conaffinity": "0", "group": "2", "mass": "0"}
         if shape.kind == "mesh":
             file = shape.mesh or ""
-            if Path(file).suffix.lower() not in _MESHES or not Path(file).is_file():
+            if Path(file).suffix.lower() not in _MESHES or not (self.folder / file).is_file():
                 self.undrawn.append(file)
                 return
             said["mesh"] = self.meshes.setdefault((file, size), f"mesh_{len(self.meshes) + 1}")
