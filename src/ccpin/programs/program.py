@@ -126,7 +126,7 @@ class Program:
         example: Inputs at which it was recorded, in the order of the numbers.
         around: Inputs at closed states about it, alike.
         notes: What else whoever calls it has to know, a line each.
-        source: What it was put together of; programs that were loaded, and steps, have none.
+        source: What it was put together of; programs that were loaded have none.
         region: Outside of which its status is 3; none where nothing was proved of it.
     """
 

@@ -136,7 +136,9 @@ def _inputs(mechanism: Mechanism, engine: Any, u: Array) -> Array:
     driven = {mechanism.tree.split(name)[0]: value for name, value in zip(mechanism.actuated, u, strict=True)}
     names = [engine.joint(engine.actuator(k).trnid[0]).name for k in range(engine.nu)]
     if sorted(names) != sorted(driven):
-        raise InvalidInputError(f"the file's motors are on {', '.join(names) or 'no joints'}, not on {', '.join(driven)}")
+        raise InvalidInputError(
+            f"the file's motors are on {', '.join(names) or 'no joints'}, not on {', '.join(driven)}"
+        )
     return np.array([driven[name] for name in names])
 
 
