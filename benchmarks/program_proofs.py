@@ -176,13 +176,15 @@ class Region:
             return max(float(each.upper()) / most for each, most in zip(apart, proved, strict=True) if most)
 
 
-def certified(name: str, recorded: Sequence[str]) -> Iterator[tuple[str, ccpin.ReducedModel, ProgramCertificate]]:
-    """Programs of a mechanism, with certificates."""
-    model, (half, cells) = ccpin.ReducedModel(ccpin.load(name)), REGIONS[name]
+def certified(
+    name: str, recorded: Sequence[str], cells: int = 0
+) -> Iterator[tuple[str, ccpin.ReducedModel, ProgramCertificate]]:
+    """Programs of a mechanism, with certificates, of so many cells at most where it is told."""
+    model, (half, most) = ccpin.ReducedModel(ccpin.load(name)), REGIONS[name]
     for given in recorded:
         program = programs.record(model, RECORDED[given], given=given)
         q = np.array(program.example[: model.n])
-        found = certify_program(program, (q - half, q + half), bounds=BOUNDS, max_cells=cells)
+        found = certify_program(program, (q - half, q + half), bounds=BOUNDS, max_cells=cells or most)
         assert found.verdict == "proven", found.reason
         yield given, model, found
 

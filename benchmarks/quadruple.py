@@ -97,6 +97,7 @@ def absent() -> str:
 def literal(value: Fraction) -> str:
     """The number of `BITS` bits nearest to a rational, in hexadecimals."""
     exponent = value.numerator.bit_length() - value.denominator.bit_length() - BITS
+    exponent += abs(value) >= Fraction(2) ** (BITS + exponent)
     rounded = round(value / Fraction(2) ** exponent)
     return f"({'-' if rounded < 0 else ''}0x{abs(rounded):x}p{exponent}Q)"
 

@@ -202,7 +202,11 @@ ROOMS: tuple[Room, ...] = (
             "ProgramComputed._inputs",
             "_length",
         ),
-        (*_BRANCHES, "validated/programs/test_program_certificates.py"),
+        ("validated/programs/test_sharp_program_values.py", *_BRANCHES),
+        (
+            ("count = max(1, int(_MEMORY", "", "how many cells are looked at at once"),
+            ("pivot > 0.0 for pivot", "0 let in", "what is divided by 0 is ∞, and refused before"),
+        ),
     ),
     Room(
         "validated/programs/program_certificate",

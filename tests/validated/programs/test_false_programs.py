@@ -134,6 +134,7 @@ def test_false_values(proved):
         (claim, (steps, branch)),
         (claim, (again, steps)),
         (claim, (branch, Unproved(steps.claim, (branch,)))),
+        (claim, (branch, proved.computed[0])),
         (replace(claim, bounds=claim.bounds[:1]), (branch, steps)),
         (replace(claim, bounds=-claim.bounds), (branch, steps)),
         (replace(claim, bounds=np.full(2, 1e170)), (branch, steps)),

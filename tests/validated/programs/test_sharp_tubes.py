@@ -6,45 +6,12 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from ccpin.programs.program_sources import ProgramSource
-from ccpin.programs.tape import Tape
 from ccpin.proof.facts import NotProvedError, prove
-from ccpin.validated.programs.branch_claim import CELLS, BranchOverCells, cells_of, tubes
-from ccpin.validated.programs.program_equations import ProgramEquations
+from ccpin.validated.programs.branch_claim import CELLS, cells_of, tubes
 from ccpin.validated.programs.steps_claim import StepsFindSigma
+from tests.support.linear_tubes import UP, U, equations_of, near, tubes_of
 
 pytest.importorskip("flint")
-U, UP = 2.0**-53, 2.0**-40  # a roundoff; what bounds are widened by
-
-
-def near(value, share):
-    """Numbers that differ from a value, however small it is, by as much of it at most."""
-    return pytest.approx(value, rel=share, abs=0.0)
-
-
-def of(build, independent, dependent, steps=0):
-    """Equations of so many numbers q and y, and a program of y alone."""
-    tape = Tape(independent + dependent)
-    rows = build(*tape.inputs)
-    inner = tape.code([tape.inputs[-1] * 2])
-    samples = tuple((1.0 + 0.1 * k,) * (independent + dependent) for k in range(2))
-    ports = (("q", independent), ("y", dependent))
-    sizes = (independent + dependent, 0, 0, 0, 0)
-    source = ProgramSource(tape.code(rows), inner, tuple(range(independent)), sizes, ports, steps, samples)
-    return ProgramEquations(source)
-
-
-def tubes_of(equations, box, counts, slopes, radius, off=0.0, preconditioner=None):
-    """Tubes about S q, the middles off by as much, of as many cells."""
-    lower, upper, counts = (np.array(each, dtype=kind) for each, kind in zip((*box, counts), "ffi", strict=True))
-    lower, upper, counts = lower.astype(float), upper.astype(float), counts.astype(np.int64)
-    q = cells_of(lower, upper, counts).centre
-    S = np.broadcast_to(np.asarray(slopes, dtype=float), (len(q), *np.shape(slopes)[-2:])).copy()
-    m = S.shape[1]
-    C = np.eye(m) if preconditioner is None else preconditioner
-    y = np.asarray(np.einsum("bij,bj->bi", S, q) + off)
-    wide = np.broadcast_to(np.asarray(radius, dtype=float), (len(q), m)).copy()
-    return BranchOverCells(equations, lower, upper, counts, y, S, wide, np.broadcast_to(C, (len(q), m, m)).copy())
 
 
 def test_cells_are_wider_by_what_their_middles_and_edges_round():
@@ -62,7 +29,7 @@ def test_cells_are_wider_by_what_their_middles_and_edges_round():
 
 def test_tubes_are_functions_of_axes_of_their_own():
     """q = q_c + hξ; y = y_c + S h ξ + R ξ′, each y with an axis of its own, and 2u|S|h for the rounding of S h."""
-    equations = of(lambda q, p, y, z: [y - q, z - p], 2, 2)
+    equations = equations_of(lambda q, p, y, z: [y - q, z - p], 2, 2)
     S, R = np.array([[3.0, -5.0], [0.25, 7.0]]), np.array([0.125, 0.5])
     made = tubes_of(equations, ([0.5, 1.0], [1.5, 4.0]), [1, 1], S, R)
     cells = cells_of(made.lower, made.upper, made.counts)
@@ -77,7 +44,7 @@ def test_tubes_are_functions_of_axes_of_their_own():
 
 def test_many_cells_are_all_looked_at():
     """More than are evaluated at a time: the last ones as the first; one of the last that is false is refused."""
-    equations = of(lambda q, y: [y * y - q], 1, 1, steps=1)
+    equations = equations_of(lambda q, y: [y * y - q], 1, 1, steps=1)
     count = CELLS + 44
     made = tubes_of(equations, ([1.0], [2.0]), [count], [[0.5]], 1e-3)
     q = cells_of(made.lower, made.upper, made.counts).centre
@@ -100,7 +67,7 @@ def test_many_cells_are_all_looked_at():
 @pytest.mark.parametrize(("share", "proved"), [(1 + 1e-6, True), (1 - 1e-6, False)])
 def test_joints_leave_room_for_rounding(share, proved):
     """Lines y = 3q: what two cells need at their face is 8(n + 4)u of both cells' sizes, and the first's rounding."""
-    equations = of(lambda q, y: [y - q * 3], 1, 1)
+    equations = equations_of(lambda q, y: [y - q * 3], 1, 1)
     made = tubes_of(equations, ([0.5], [1.5]), [2], [[3.0]], 1e-12)
     image = prove(made).found["image"][0, 0]
     sizes = sum(abs(3.0 * c) + 3.0 * (1.0 + abs(c) + 0.25) for c in (0.75, 1.25))
@@ -117,7 +84,7 @@ def test_joints_leave_room_for_rounding(share, proved):
 @pytest.mark.parametrize(("share", "proved"), [(1 + 1e-6, True), (1 - 1e-6, False)])
 def test_joints_leave_room_for_slopes_that_differ(share, proved):
     """Planes y = 3q + 2p, of two cells along q of which the second has another slope along p, and both are off."""
-    equations = of(lambda q, p, y: [y - q * 3 - p * 2], 2, 1)
+    equations = equations_of(lambda q, p, y: [y - q * 3 - p * 2], 2, 1)
     slopes = np.array([[[3.0, 2.0]], [[3.0, 2.0625]]])
     middle = np.array([[-0.5, 0.0], [0.5, 0.0]])
     off, other, p = 1e-3, 2e-3, 0.5
@@ -135,7 +102,7 @@ def test_joints_leave_room_for_slopes_that_differ(share, proved):
 
 def test_steps_are_widened_by_what_they_round():
     """e₁ = ½Λ(1 + 2⁻⁴⁰), and Λ = λ/(1 − δ) by 2⁻³⁰, which 1/(1 − δ) may need."""
-    equations = of(lambda q, y: [y * y - q], 1, 1, steps=1)
+    equations = equations_of(lambda q, y: [y * y - q], 1, 1, steps=1)
     made = tubes_of(equations, ([1.0], [1.25]), [1], [[0.5]], 0.02)
     y = np.sqrt(np.array([[1.125]]))
     C = 0.5 / y[0, 0]
@@ -151,7 +118,7 @@ def test_steps_are_widened_by_what_they_round():
 
 def test_bends_along_every_direction_are_bounded():
     """|Cφ_yy η| for all η: two numbers of η that work against each other when they are equal."""
-    equations = of(lambda q, y, z: [y * y + z - q * 2, y * z - q * q], 1, 2, steps=1)
+    equations = equations_of(lambda q, y, z: [y * y + z - q * 2, y * z - q * q], 1, 2, steps=1)
     inverse = np.linalg.inv(np.array([[2.0, 1.0], [1.0, 1.0]]))  # φ_y at y = z = 1: [[1, −1], [−1, 2]]
     slopes = inverse @ np.array([[2.0], [2.0]])
     made = tubes_of(equations, ([1.0 - 1e-6], [1.0 + 1e-6]), [1], slopes, 1e-6, preconditioner=inverse)
