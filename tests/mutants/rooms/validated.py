@@ -70,6 +70,7 @@ _MOVES = (
     "validated/sets/test_move.py::test_bad_arrivals",
 )
 _DEFECT = ("validated/flow/test_sharp_defect.py",)
+_TREES = ("programs/test_recorded_trees.py",)
 _TAPES = "programs/test_tape.py"
 _BRANCHES = ("validated/programs/test_program_claims.py", "validated/programs/test_false_programs.py")
 _PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
@@ -349,7 +350,7 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "programs/recording/recorded_bodies",
         ("joint_forces", "joint_weights", "joint_masses", "_along", "_turning"),
-        _RECORDED,
+        _TREES,
     ),
     Room(
         "programs/recording/recorded_closures",
@@ -365,7 +366,7 @@ ROOMS: tuple[Room, ...] = (
             "_placed",
             "_turned",
         ),
-        (*_RECORDED, _RANDOM),
+        _TREES,
     ),
     Room(
         "validated/model/closed_loop",

@@ -80,19 +80,22 @@ def joint_forces(bodies: Sequence[Body], v_free: Table, a_free: Table, base: Tab
     return found
 
 
-def joint_weights(bodies: Sequence[Body], frames: dict[int, Table], gravity: Table, n_free: int) -> Table:
-    """g′, of shape (n′,): of all that a joint carries, in the world's axes."""
+def joint_weights(bodies: Sequence[Body], gravity: Table, n_free: int) -> Table:
+    """g′, of shape (n′,): what a joint carries beyond its body hangs, in the body's axes, at that joint's arm."""
     found, nothing = np.zeros(n_free, dtype=object), np.zeros(3, dtype=object)
-    carried = {body.joint.number: (body.mass, nothing) for body in bodies}
+    up = {0: -gravity}
+    for body in bodies:
+        up[body.joint.number] = up[body.joint.parent] @ body.rotation
+    masses = {body.joint.number: body.mass for body in bodies} | {0: 0}
+    levers = {body.joint.number: body.moment for body in bodies} | {0: nothing}
+    moments = dict.fromkeys(up, nothing)
     for body in reversed(bodies):
-        frame, parent = frames[body.joint.number], body.joint.parent
-        rotation, (mass, beyond) = frame[:3, :3], carried[body.joint.number]
-        moment = rotation @ body.moment + beyond
-        pulled = _along(body, -gravity * mass @ rotation, cross(gravity, moment) @ rotation)
-        found[body.joint.v] = pulled
-        if parent in carried:
-            held, before = carried[parent]
-            carried[parent] = held + mass, before + moment + (frame[:3, 3] - frames[parent][:3, 3]) * mass
+        j, p = body.joint.number, body.joint.parent
+        moment = moments[j] + cross(levers[j], up[j])
+        found[body.joint.v] = _along(body, up[j] * masses[j], moment)
+        masses[p] = masses[p] + masses[j]
+        levers[p] = levers[p] + body.arm * masses[j]
+        moments[p] = moments[p] + body.rotation @ moment
     return found
 
 

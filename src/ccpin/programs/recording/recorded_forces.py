@@ -92,7 +92,7 @@ def dynamic_terms(
     other = rotors * motion.bias + losses * motion.v_free
     moved = joint_forces(bodies, motion.v_free, motion.bias, np.zeros(3, dtype=object)) + other
     fallen = joint_forces(bodies, motion.v_free, motion.bias, -gravity) + other
-    weight = joint_weights(bodies, frames, gravity, n_free)
+    weight = joint_weights(bodies, gravity, n_free)
     mass = motion.rho.T @ (whole @ motion.rho)
     mass = np.tril(mass) + np.tril(mass, -1).T  # equal expressions: recorded once
     potential: Expression = 0
