@@ -727,7 +727,7 @@ EXCUSED: tuple[Excused, ...] = (
     ),
     Excused(
         "validated/sets/subdivision",
-        ("_COVERING", "Starts.halves", "cover", "relative_motion", "_widest", "_held"),
+        ("_COVERING", "Starts.halves", "cover", "_motion", "_widest", "_held"),
         "proposes parts and tubes: `TubeHeld` and `SetEnclosed` say what is proved of them",
     ),
     Excused("validated/flow/marching", ("_GROWTH", "_longest", "_blown_up", "_correction", "_affordable"), _CHOSEN),
