@@ -70,6 +70,7 @@ _MOVES = (
     "validated/sets/test_move.py::test_bad_arrivals",
 )
 _DEFECT = ("validated/flow/test_sharp_defect.py",)
+_TREES = ("programs/test_recorded_trees.py",)
 _TAPES = "programs/test_tape.py"
 _BRANCHES = tuple(f"validated/programs/test_{name}.py" for name in ("sharp_tubes", "program_claims", "false_programs"))
 _GUARDED = "validated/programs/test_guarded_programs.py"
@@ -376,7 +377,7 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "programs/recording/recorded_bodies",
         ("joint_forces", "joint_weights", "joint_masses", "_along", "_turning"),
-        _RECORDED,
+        _TREES,
     ),
     Room(
         "programs/recording/recorded_closures",
@@ -392,7 +393,7 @@ ROOMS: tuple[Room, ...] = (
             "_placed",
             "_turned",
         ),
-        (*_RECORDED, _RANDOM),
+        _TREES,
     ),
     Room(
         "validated/model/closed_loop",
@@ -768,7 +769,7 @@ EXCUSED: tuple[Excused, ...] = (
     ),
     Excused(
         "validated/sets/subdivision",
-        ("_COVERING", "Starts.halves", "cover", "relative_motion", "_widest", "_held"),
+        ("_COVERING", "Starts.halves", "cover", "_motion", "_widest", "_held"),
         "proposes parts and tubes: `TubeHeld` and `SetEnclosed` say what is proved of them",
     ),
     Excused("validated/flow/marching", ("_GROWTH", "_longest", "_blown_up", "_correction", "_affordable"), _CHOSEN),

@@ -25,7 +25,7 @@ from ccpin.programs.recording.recorded_tree import ExactJoint, Table
 from ccpin.programs.tape import Expression
 
 
-class Body(NamedTuple):
+class CarriedBody(NamedTuple):
     """A body and the joint that carries it.
 
     Attributes:
@@ -49,7 +49,7 @@ class Body(NamedTuple):
     trace: Expression
 
 
-def joint_forces(bodies: Sequence[Body], v_free: Table, a_free: Table, base: Table) -> Table:
+def joint_forces(bodies: Sequence[CarriedBody], v_free: Table, a_free: Table, base: Table) -> Table:
     """D′q̈′ + C′q̇′ where the base accelerates, of shape (n′,): minus gravity makes it + g′."""
     nothing = np.zeros(3, dtype=object)
     omega, alpha, speed = {0: nothing}, {0: nothing}, {0: base}
@@ -80,23 +80,26 @@ def joint_forces(bodies: Sequence[Body], v_free: Table, a_free: Table, base: Tab
     return found
 
 
-def joint_weights(bodies: Sequence[Body], frames: dict[int, Table], gravity: Table, n_free: int) -> Table:
-    """g′, of shape (n′,): of all that a joint carries, in the world's axes."""
+def joint_weights(bodies: Sequence[CarriedBody], gravity: Table, n_free: int) -> Table:
+    """g′, of shape (n′,): what a joint carries beyond its body hangs, in the body's axes, at that joint's arm."""
     found, nothing = np.zeros(n_free, dtype=object), np.zeros(3, dtype=object)
-    carried = {body.joint.number: (body.mass, nothing) for body in bodies}
+    up = {0: -gravity}
+    for body in bodies:
+        up[body.joint.number] = up[body.joint.parent] @ body.rotation
+    masses = {body.joint.number: body.mass for body in bodies} | {0: 0}
+    levers = {body.joint.number: body.moment for body in bodies} | {0: nothing}
+    moments = dict.fromkeys(up, nothing)
     for body in reversed(bodies):
-        frame, parent = frames[body.joint.number], body.joint.parent
-        rotation, (mass, beyond) = frame[:3, :3], carried[body.joint.number]
-        moment = rotation @ body.moment + beyond
-        pulled = _along(body, -gravity * mass @ rotation, cross(gravity, moment) @ rotation)
-        found[body.joint.v] = pulled
-        if parent in carried:
-            held, before = carried[parent]
-            carried[parent] = held + mass, before + moment + (frame[:3, 3] - frames[parent][:3, 3]) * mass
+        j, p = body.joint.number, body.joint.parent
+        moment = moments[j] + cross(levers[j], up[j])
+        found[body.joint.v] = _along(body, up[j] * masses[j], moment)
+        masses[p] = masses[p] + masses[j]
+        levers[p] = levers[p] + body.arm * masses[j]
+        moments[p] = moments[p] + body.rotation @ moment
     return found
 
 
-def joint_masses(bodies: Sequence[Body], n_free: int) -> Table:
+def joint_masses(bodies: Sequence[CarriedBody], n_free: int) -> Table:
     """D′ without rotors, of shape (n′, n′)."""
     by_number = {body.joint.number: body for body in bodies}
     whole = dict(by_number)
@@ -122,7 +125,7 @@ def joint_masses(bodies: Sequence[Body], n_free: int) -> Table:
                 if slides
                 else (cross(axis, own.moment), axis * own.trace - own.spread @ axis)
             )
-            at: Body | None = own
+            at: CarriedBody | None = own
             while at is not None:
                 found[at.joint.v, place] = found[place, at.joint.v] = _along(at, f, n)
                 f = at.rotation @ f
@@ -131,7 +134,7 @@ def joint_masses(bodies: Sequence[Body], n_free: int) -> Table:
     return found
 
 
-def _along(body: Body, force: Table, moment: Table) -> Table:
+def _along(body: CarriedBody, force: Table, moment: Table) -> Table:
     """A force and a moment at a body's origin as a joint's own, of shape (nv,)."""
     slides = body.joint.kind.slides
     return np.array([axis @ (force if s else moment) for axis, s in zip(body.axes, slides, strict=True)], dtype=object)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ccpin.programs.recording.ball_joints import BallTurn
 from ccpin.programs.recording.constants import Constants
-from ccpin.programs.recording.recorded_bodies import Body, joint_forces, joint_masses, joint_weights
+from ccpin.programs.recording.recorded_bodies import CarriedBody, joint_forces, joint_masses, joint_weights
 from ccpin.programs.recording.recorded_closures import ClosureRows
 from ccpin.programs.recording.recorded_coordinates import StateLayout
 from ccpin.programs.recording.recorded_tree import ExactJoint, Table, rational, relative_motion, unit_axes
@@ -92,7 +92,7 @@ def dynamic_terms(
     other = rotors * motion.bias + losses * motion.v_free
     moved = joint_forces(bodies, motion.v_free, motion.bias, np.zeros(3, dtype=object)) + other
     fallen = joint_forces(bodies, motion.v_free, motion.bias, -gravity) + other
-    weight = joint_weights(bodies, frames, gravity, n_free)
+    weight = joint_weights(bodies, gravity, n_free)
     mass = motion.rho.T @ (whole @ motion.rho)
     mass = np.tril(mass) + np.tril(mass, -1).T  # equal expressions: recorded once
     potential: Expression = 0
@@ -126,15 +126,15 @@ def with_springs(
     return terms._replace(potential=potential, gravity=terms.gravity + weight, bias=terms.bias + weight)
 
 
-def _bodies(tape: Tape, constants: Constants, joints: Sequence[ExactJoint], x: Table) -> list[Body]:
+def _bodies(tape: Tape, constants: Constants, joints: Sequence[ExactJoint], x: Table) -> list[CarriedBody]:
     """The bodies, parents first."""
-    found = list[Body]()
+    found = list[CarriedBody]()
     for joint in joints:
         moved, (m, lever, tensor) = relative_motion(tape, joint, x[joint.x]), constants.body(tape, joint)
         placed, moment = joint.placement[:3, :3], lever * m
         spread = np.eye(3, dtype=object) * (np.trace(tensor) * rational(0.5)) - tensor + np.outer(moment, lever)
         found.append(
-            Body(
+            CarriedBody(
                 joint, placed @ moved[:3, :3], joint.placement[:3, 3] + placed @ moved[:3, 3], unit_axes(tape, joint),
                 m, moment, spread, spread[0, 0] + spread[1, 1] + spread[2, 2],
             )

@@ -252,10 +252,16 @@ def evaluated_rows(
 def _loop_rows(
     tape: Tape, loop: ResolvedClosure, joints: Sequence[ExactJoint], x: Table, held: tuple[Table, Table]
 ) -> list[Expression]:
-    """The rows of one loop, from the tips of its chains to the body that carries them."""
+    """The rows of one loop: in a plane over whole frames, whose angles add up; else each vector down its own chain."""
 
     def carried(tip: int, vector: Table, is_point: bool) -> Table:
-        for joint in chain_of(joints, tip, loop.ancestor):
+        chain = chain_of(joints, tip, loop.ancestor)
+        if loop.normal is not None:
+            whole = np.eye(4, dtype=object)
+            for joint in reversed(chain):
+                whole = whole @ joint.placement @ relative_motion(tape, joint, x[joint.x])
+            return whole[:3, :3] @ vector + (whole[:3, 3] if is_point else 0)
+        for joint in chain:
             moved, placed = relative_motion(tape, joint, x[joint.x]), joint.placement
             vector = moved[:3, :3] @ vector + (moved[:3, 3] if is_point else 0)
             vector = placed[:3, :3] @ vector + (placed[:3, 3] if is_point else 0)
