@@ -24,7 +24,7 @@ from ccpin.programs.program import Program, windows
 from ccpin.programs.sine_cosine import PRECISIONS, Format
 
 PIECE = 600  # operations a function, of vectors; `c_code.PIECE` is of exported C
-_CHUNK = 2048  # rows a thread takes at a time
+_CHUNK, _TURNS = 2048, 16  # rows a thread takes at a time, no fewer; turns each has of a large batch
 _AGREES = 1e-6  # of the largest output: what a compiler may differ from NumPy at a program's example
 
 
@@ -125,7 +125,7 @@ class CompiledProgram:
         tables = [*inputs, *outputs]
         places = (ctypes.c_void_p * max(len(tables), 1))(*(table.ctypes.data for table in tables))
         steps = (ctypes.c_long * max(2 * len(tables), 1))(*([0, 1] * len(tables)))
-        arguments = (ctypes.c_long(1), places, steps, ctypes.c_void_p(status.ctypes.data))
+        arguments = (ctypes.c_long(0), ctypes.c_long(1), places, steps, ctypes.c_void_p(status.ctypes.data))
         return lambda: self._run(*arguments)
 
     def _fill(
@@ -134,17 +134,17 @@ class CompiledProgram:
         size, rows = self._type.itemsize, len(status)
         tables = [*inputs, *outputs]
         strides = [s // size for table in tables for s in table.strides]
+        places = (ctypes.c_void_p * max(len(tables), 1))(*(table.ctypes.data for table in tables))
+        steps, told = (ctypes.c_long * max(len(strides), 1))(*strides), ctypes.c_void_p(status.ctypes.data)
 
-        def some(first: int, last: int) -> None:
-            places = [table.ctypes.data + first * table.strides[0] for table in tables]
-            pointers = (ctypes.c_void_p * max(len(places), 1))(*places)
-            steps = (ctypes.c_long * max(len(strides), 1))(*strides)
-            self._run(ctypes.c_long(last - first), pointers, steps, ctypes.c_void_p(status.ctypes.data + 4 * first))
+        def some(first: int, last: int) -> None:  # without the interpreter's lock, but for a microsecond
+            self._run(ctypes.c_long(first), ctypes.c_long(last), places, steps, told)
 
         if threads == 1 or rows <= _CHUNK:
             some(0, rows)
             return
-        left = list(range(0, rows, _CHUNK))
+        piece = _CHUNK * max(1, rows // (_CHUNK * _TURNS * threads))
+        left = list(range(0, rows, piece))
 
         def work() -> None:
             while left:
@@ -152,7 +152,7 @@ class CompiledProgram:
                     first = left.pop()
                 except IndexError:
                     return
-                some(first, min(first + _CHUNK, rows))
+                some(first, min(first + piece, rows))
 
         with ThreadPoolExecutor(threads - 1) as pool:
             others = [pool.submit(work) for _ in range(threads - 1)]
@@ -254,28 +254,28 @@ static inline void store(const R *from, S *to, long row, long entry, int size, l
 
 
 def _many(name: str, inputs: Sequence[int], outputs: Sequence[int]) -> str:
-    """The loop over rows: `tables` are the inputs, then the outputs; `steps` how far rows and entries are apart."""
+    """The loop over some rows: `tables` are inputs, then outputs; `steps` how far rows and entries are apart."""
 
     def moved(word: str, place: str, kind: str, k: int, size: int) -> str:
         row, entry = f"steps[{2 * k}]", f"steps[{2 * k + 1}]"
-        return f"{word}({place}, ({kind} *)tables[{k}] + i * {row}, {row}, {entry}, {size}, n - i);"
+        return f"{word}({place}, ({kind} *)tables[{k}] + i * {row}, {row}, {entry}, {size}, last - i);"
 
     starts, ends = ([sum(sizes[:k]) for k in range(len(sizes) + 1)] for sizes in (inputs, outputs))
     loads = [moved("load", f"x + {starts[k]}", "const S", k, size) for k, size in enumerate(inputs)]
     stores = [moved("store", f"out + {ends[k]}", "S", len(inputs) + k, size) for k, size in enumerate(outputs)]
     lines = [
         f"R x[{max(starts[-1], 1)}], out[{max(ends[-1], 1)}];",
-        "for (long i = 0; i < n; i += LANES) {",
+        "for (long i = first; i < last; i += LANES) {",
         *(f"    {line}" for line in loads),
         f"    const I code = {name}_kernel(x, out);",
         *(f"    {line}" for line in stores),
-        "    for (int lane = 0; lane < LANES && i + lane < n; lane++)",
+        "    for (int lane = 0; lane < LANES && i + lane < last; lane++)",
         "        status[i + lane] = (int)code[lane];",
         "}",
     ]
     return "\n".join(
         [
-            "void many(long n, void *const tables[], const long steps[], int status[])",
+            "void many(long first, long last, void *const tables[], const long steps[], int status[])",
             "{",
             *(f"    {line}" for line in lines),
             "}",
