@@ -108,13 +108,20 @@ def drives_of(mechanism: Mechanism, q_free: Array | None = None, free: FreeSyste
     limits = np.sort(mechanism.motors.gears[:, None] * mechanism.motors.limits, axis=1)
     load = _load(mechanism, FreeSystem(tree) if free is None else free, here, rho)
     standing, balanced = _standing(*load, acts.T, limits, len(acts) > driven)
-    units = ["N" if slides else "N m" for part in motors.parts for slides in part.slides]
-    of_each = zip(mechanism.motors.each, _of_each_velocity(motors), acts, units, limits, standing, strict=True)
+    of_each = zip(
+        mechanism.motors.each, _of_each_velocity(motors), acts, motor_units(mechanism), limits, standing, strict=True
+    )
     each = [
         Drive(motor.name, joint, _moved(names, row), unit, (float(lower), float(upper)), effort)
         for motor, joint, row, unit, (lower, upper), effort in of_each
     ]
     return Drives(tuple(each), driven, loose, balanced)
+
+
+def motor_units(mechanism: Mechanism) -> list[str]:
+    """Of each motor's effort on its joint: N m, or N where that slides."""
+    motors = IndependentCoordinates(mechanism.tree, mechanism.actuated, mechanism.q_reference)
+    return ["N" if slides else "N m" for part in motors.parts for slides in part.slides]
 
 
 def _load(mechanism: Mechanism, free: FreeSystem, q_free: Array, rho: Array) -> tuple[Array, float]:

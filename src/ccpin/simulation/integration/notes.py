@@ -18,6 +18,7 @@ from ccpin.simulation.integration.coordinate_switching import CoordinateSwitchin
 from ccpin.simulation.integration.core_numbers import TABLEAUX, law_numbers
 from ccpin.simulation.results.limit_violations import at_effort_limits
 
+KNOWN = "PDSimpleGravity, PDFullGravity, PDOnlineGravity, PDPlus, ComputedTorque and HeldEffort"
 _LONG = 10.0  # s in Python: whoever waits longer is warned
 AT_LIMITS = "efforts at their limits"
 """What a note begins with that tells which motors gave all they have, though they can hold start and goal."""
@@ -43,12 +44,20 @@ def stepped_in_python(model: ReducedModel, law: ControlLaw, method: str, plain: 
 def _outside_the_core(model: ReducedModel, law: ControlLaw, method: str, plain: bool) -> str:
     """What the core does not step, of what a simulator was given."""
     if not plain:
-        return "friction, events, a region, limits, contacts, motors or wrenches that change are looked at every step"
+        looked = "friction, events, a region, limits, contacts, motors or wrenches that change are looked at every step"
+        return f"{looked}; without any of them the core steps"
     if method not in TABLEAUX:
         return f"the core steps {' and '.join(TABLEAUX)}, not {method}"
     if law_numbers(model, stated(law)) is None:
-        return f"the core does not know {type(law).__name__}"
-    return "the core left the motion to it, as σ fails, motors saturate or coordinates are changed on the way"
+        told = stated(law)
+        if told is not None and told.model is not None and told.model.actuation is not None:
+            sit = f"{', '.join(model.mechanism.actuated)}, not {', '.join(model.mechanism.independent)}"
+            return (
+                f"the core steps {type(law).__name__} where the motors sit on the independent joints: they are on {sit}"
+            )
+        return f"the core does not know {type(law).__name__}: it steps {KNOWN}"
+    left = "the core left the motion to it, as σ fails, motors saturate or coordinates are changed on the way"
+    return f"{left}; a motion on which they do not is stepped by the core"
 
 
 def on_balls(switching: CoordinateSwitching) -> Iterator[str]:
