@@ -28,7 +28,9 @@ def linkage_model(model: ReducedModel, sides: Sides) -> ReducedModel:
     serial = {link for link, place in tree.attachments.items() if carried[place.joint] <= joints}
     stated, plain = mechanism.held or mechanism.description, joints - set(sides.motors)
     links = tuple(replace(link, inertia=None) if link.name in serial else link for link in stated.links)
-    bare = {"armature": 0.0, "damping": 0.0, "friction": 0.0, "stiffness": 0.0}
-    own = tuple(replace(joint, **bare) if joint.name in plain else joint for joint in stated.joints)
+    own = tuple(
+        replace(joint, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0) if joint.name in plain else joint
+        for joint in stated.joints
+    )
     left = build_tree(replace(stated, links=links, joints=own), ROOT_JOINT in tree.names)
     return ReducedModel(replace(mechanism, tree=left), model.gravity_vector)

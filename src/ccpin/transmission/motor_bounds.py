@@ -23,7 +23,7 @@ def stated_efforts(model: ReducedModel, motors: tuple[str, ...], effort: ArrayLi
         return -most, most
     stated = model.mechanism.motors
     ends = stated.limits * stated.gears[:, None]
-    unknown = [name for name, known in zip(motors, np.isfinite(ends).all(axis=1).tolist(), strict=True) if not known]
+    unknown = [name for name, each in zip(motors, ends, strict=True) if not np.isfinite(each).all()]
     if unknown:
         raise InvalidInputError(f"no limit of effort is stated of {', '.join(unknown)}: give effort=")
     return ends.min(axis=1), ends.max(axis=1)

@@ -132,9 +132,10 @@ class Polytope(Record):
         return better if np.prod(better / start) > 1.0 else start
 
     def largest_ellipsoid(self) -> Ellipsoid:
-        """The ellipsoid of the largest volume about the middle: the image of the box's own, Σ (2zᵢ/(upperᵢ − lowerᵢ))² ≤ 1.
+        """The ellipsoid of the largest volume, about the middle: the image of the one in the motors' box.
 
-        An affine map keeps ratios of volumes, so the largest in the image is the image of the largest in the box.
+        An affine map keeps ratios of volumes, so the largest in the image is the image of the largest in the box,
+        Σ (2zᵢ/(upperᵢ − lowerᵢ))² ≤ 1, z from the middle.
         """
         mapped = self.map * (0.5 * (self.upper - self.lower))
         axes, lengths, _ = np.linalg.svd(mapped)

@@ -130,7 +130,7 @@ class Posture:
         return self.inverse.T @ self._vector(joint_effort, "joint_effort")
 
     def linkage_effort(self, v_joint: ArrayLike, a_joint: ArrayLike) -> Array:
-        """What rods, cranks and rotors take at the joints, of shape (n,): inertia, weight, their dampers and springs."""
+        """What rods, cranks and rotors take at the joints, of shape (n,): inertia, weight, dampers, springs."""
         return self._linkage.tau(v_joint, a_joint)
 
     def delivered_effort(self, motor_effort: ArrayLike, v_joint: ArrayLike, a_joint: ArrayLike) -> Array:
@@ -138,7 +138,7 @@ class Posture:
         return self.joint_effort(motor_effort) - self.linkage_effort(v_joint, a_joint)
 
     def required_effort(self, joint_effort: ArrayLike, v_joint: ArrayLike, a_joint: ArrayLike) -> Array:
-        """τ_m with which a joint effort arrives at the serial robot, of shape (n,); the inverse of `delivered_effort`."""
+        """τ_m with which a joint effort arrives at the serial robot, of shape (n,): `delivered_effort` inverted."""
         wanted = self._vector(joint_effort, "joint_effort")
         return self.motor_effort(wanted + self.linkage_effort(v_joint, a_joint))
 
@@ -194,12 +194,12 @@ class Posture:
 
     @cached_property
     def gear_ratios(self) -> Array:
-        """The singular values of J, of shape (n,), the largest first: motors' rate per joints' rate, over directions."""
+        """The singular values of J, of shape (n,), largest first: motors' rate per joints' rate, over directions."""
         return frozen(np.linalg.svd(self.jacobian, compute_uv=False))
 
     @cached_property
     def axis_ratios(self) -> Array:
-        """√(JᵀJ)ⱼⱼ of each joint, of shape (n,): rotors of inertia I on all motors appear there as I times its square."""
+        """√(JᵀJ)ⱼⱼ of each joint, of shape (n,): rotors of inertia I on all motors are felt as I times its square."""
         return frozen(np.linalg.norm(self.jacobian, axis=0))
 
     def joint_play(self, motor_play: ArrayLike) -> Array:
@@ -226,7 +226,7 @@ class Posture:
         motors: MotorModel | None = None,
         friction: ArrayLike | None = None,
     ) -> Polytope:
-        """{Jᵀ τ_m}: the joint efforts that all motors together give, at a velocity; statics, the linkage's weight aside.
+        """{Jᵀ τ_m}: the joint efforts that all motors together give, at a velocity; statics, without weight.
 
         Args:
             v_joint: q̇_j, of shape (n,); default at rest.
@@ -241,7 +241,9 @@ class Posture:
         models, moving = self.models, self.motor_velocity(velocity)
         lower, upper = stated_efforts(models.joint, models.motors.names, effort)
         if motors is not None and motors.speeds:
-            lower, upper = at_speed(models.joint, instance(motors, "motors", MotorModel), self.state, velocity, lower, upper)
+            lower, upper = at_speed(
+                models.joint, instance(motors, "motors", MotorModel), self.state, velocity, lower, upper
+            )
         stated = models.joint.mechanism.joints.friction[models.motors.rows]
         level = stated if friction is None else one_each(models.motors.names, friction, "friction")
         lower, upper = less_friction(lower, upper, level, moving)

@@ -4,7 +4,7 @@ The serial robot's own efforts τ_s (its links alone) go to the motors by a shor
 
     τ_m = J(q)⁻ᵀ (τ_s + τ_linkage),
 
-static_map: J(q)⁻ᵀ τ_s; constant_armature: J(q)⁻ᵀ (τ_s + A q̈) with the diagonal A of the rotors' inertia at the reference;
+static_map: J(q)⁻ᵀ τ_s; constant_armature: J(q)⁻ᵀ (τ_s + A q̈), A the diagonal of the rotors' inertia at the reference;
 serial: J(q_reference)⁻ᵀ τ_s. What the joints then lack is Jᵀ of the difference. What they do for it is simulated: the
 shortcut as feed-forward, with a PD law at the joints through the exact map.
 """
@@ -87,7 +87,9 @@ class Comparison(NamedTuple):
     @property
     def motion_errors(self) -> Array:
         """Largest |q_d − q| of each joint, rad or m, of shape (n,)."""
-        return np.asarray(np.abs(self.deviation).max(axis=0)) if len(self.deviation) else np.full(len(self.joints), np.nan)
+        return (
+            np.asarray(np.abs(self.deviation).max(axis=0)) if len(self.deviation) else np.full(len(self.joints), np.nan)
+        )
 
     def as_json(self) -> dict[str, Any]:
         """The figures as numbers and lists."""
@@ -221,9 +223,7 @@ def compare(
     )
 
 
-def _deviation(
-    transmission: Transmission, motion: Reference, along: _Along, used: Array, bandwidth: float
-) -> Array:
+def _deviation(transmission: Transmission, motion: Reference, along: _Along, used: Array, bandwidth: float) -> Array:
     """q_d − q at the instants, simulated."""
     model, side = transmission.joint_model, transmission.joint_side
     gears = model.mechanism.motors.gears
@@ -247,4 +247,4 @@ def _deviation(
     if run.cause is not None:
         raise run.cause
     desired = np.array([side.positions(motion.at(float(t)).q) for t in run.t])
-    return desired - np.array([side.positions(q) for q in run.q])
+    return np.asarray(desired - np.array([side.positions(q) for q in run.q]))

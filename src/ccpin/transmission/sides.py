@@ -121,7 +121,9 @@ def _check(mechanism: Mechanism, side: str, names: tuple[str, ...]) -> None:
         IndependentSetError: It is none; the message names candidates.
     """
     tree, n = mechanism.tree, mechanism.n
-    candidates = [j.name for j in tree.joints if j.kind.nv == 1 and (side == "motors") == (j.name in mechanism.actuated)]
+    candidates = [
+        j.name for j in tree.joints if j.kind.nv == 1 and (side == "motors") == (j.name in mechanism.actuated)
+    ]
     known = f"name {n} by {side}=…; candidates: {', '.join(candidates) or 'none'}"
     if len(names) != n:
         found = ", ".join(names) or "none"
