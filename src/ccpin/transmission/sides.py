@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -65,34 +66,38 @@ class Side:
 def sides_of(mechanism: Mechanism, joints: Sequence[str] | None, motors: Sequence[str] | None) -> Sides:
     """The sides as they are named; what is not named as far as it is evident.
 
-    Motors are those of the mechanism. Joints are its independent coordinates where these are not the motors; else the
-    joints of that end of each loop (or coupling) which no motor moves, and motors that are in no loop.
+    Motors are those that the file states. Joints are the independent coordinates where these are not the motors; else
+    the joints of that end of each loop (or coupling) which no motor moves, of several loops those that they share where
+    all are too many, and motors that are in no loop.
 
     Raises:
         IndependentSetError: There are not as many as motions, a joint has other than one freedom, or the joints or
             motors do not measure the motion.
     """
-    driven = mechanism.actuated if motors is None else records(motors, "motors", str)
+    stated = mechanism.actuated if mechanism.description.actuated or mechanism.independent != mechanism.actuated else ()
+    driven = stated if motors is None else records(motors, "motors", str)
     _check(mechanism, "motors", driven)
     if joints is not None:
         led = records(joints, "joints", str)
     elif set(mechanism.independent) != set(driven):
         led = mechanism.independent
     else:
-        led = _serial(mechanism, set(driven))
+        led = _serial(mechanism, set(driven), mechanism.n)
     _check(mechanism, "joints", led)
     return Sides(tuple(led), tuple(driven))
 
 
-def _serial(mechanism: Mechanism, motors: set[str]) -> tuple[str, ...]:
+def _serial(mechanism: Mechanism, motors: set[str], n: int) -> tuple[str, ...]:
     """Joints at the ends of loops that no motor moves, and motors in no loop, in the tree's order."""
-    found, looped = set[str](), set[str]()
+    times, looped = Counter[str](), set[str]()
     for ends in _ends(mechanism):
         looped.update(*ends)
         free = [end for end in ends if end and not motors.intersection(end)]
         if len(free) == 1:
-            found.update(free[0])
-    found |= motors - looped
+            times.update(free[0])
+    found = {*times} | (motors - looped)
+    if len(found) > n:
+        found = {name for name, number in times.items() if number > 1} | (motors - looped)
     return tuple(name for name in mechanism.tree.names if name in found)
 
 
