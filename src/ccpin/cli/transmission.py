@@ -92,7 +92,7 @@ def _facts(found: Survey, effort: Array | None, speed: Array | None) -> dict[str
         "name": transmission.joint_model.mechanism.name,
         "joints": list(transmission.joints),
         "motors": list(transmission.motors),
-        "units": [list(side) for side in transmission.units],
+        "units": [list(side.units) for side in (transmission.joint_side, transmission.motor_side)],
         "range": [found.lower.tolist(), found.upper.tolist()],
         "postures": len(found.postures),
         "missed": found.missed,

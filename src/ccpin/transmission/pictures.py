@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import heading, instance, records
-from ccpin.errors import UnsupportedMechanismError
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.plotting.style import COLOURS, Figure, drawing
 from ccpin.transmission.polytopes import Polytope
 from ccpin.transmission.shortcuts import Comparison
@@ -53,7 +53,7 @@ def plot_limits(
 
 def _polygons(axes: Any, found: Survey, polytopes: Sequence[Polytope], which: int) -> None:
     """Polygons over the range, and the largest box in that of the posture nearest to the reference, drawn bold."""
-    joints, units = found.transmission.joints, found.transmission.units.joints
+    joints, units = found.transmission.joints, found.transmission.joint_side.units
     for k, polytope in enumerate(polytopes):
         corners = np.vstack([polytope.vertices, polytope.vertices[:1]])
         at = ", ".join(f"{q:.2g}" for q in found.postures[k].q_joint)
@@ -70,7 +70,7 @@ def _polygons(axes: Any, found: Survey, polytopes: Sequence[Polytope], which: in
 
 def _curves(axes: Any, found: Survey, polytopes: Sequence[Polytope], which: int) -> None:
     """Least and largest over the joint's displacement."""
-    (joint,), (unit,) = found.transmission.joints, found.transmission.units.joints
+    (joint,), (unit,) = found.transmission.joints, found.transmission.joint_side.units
     order = np.argsort([posture.q_joint[0] for posture in found.postures])
     q = np.array([found.postures[k].q_joint[0] for k in order])
     low, high = (np.array([polytopes[k].bounds[end][0] for k in order]) for end in (0, 1))
@@ -85,8 +85,13 @@ def plot_shortcuts(comparisons: Sequence[Comparison], title: str | None = None) 
     Args:
         comparisons: From `compare`, of one motion.
         title: The figure's title.
+
+    Raises:
+        InvalidInputError: There are none.
     """
     given = records(comparisons, "comparisons", Comparison)
+    if not given:
+        raise InvalidInputError("comparisons are none: give those of `compare`")
     first = given[0]
     with drawing(heading(title, "What shortcuts miss at the joints"), (7.5, 2.6 * len(first.joints) + 0.6)) as figure:
         panels = np.atleast_1d(figure.subplots(len(first.joints), 1, sharex=True))

@@ -240,10 +240,8 @@ class Posture:
         velocity = np.zeros(self.models.joint.n) if v_joint is None else self._vector(v_joint, "v_joint")
         models, moving = self.models, self.motor_velocity(velocity)
         lower, upper = stated_efforts(models.joint, models.motors.names, effort)
-        if motors is not None and motors.speeds:
-            lower, upper = at_speed(
-                models.joint, instance(motors, "motors", MotorModel), self.state, velocity, lower, upper
-            )
+        if motors is not None and instance(motors, "motors", MotorModel).speeds:
+            lower, upper = at_speed(models.joint, motors, self.state, velocity, lower, upper)
         stated = models.joint.mechanism.joints.friction[models.motors.rows]
         level = stated if friction is None else one_each(models.motors.names, friction, "friction")
         lower, upper = less_friction(lower, upper, level, moving)

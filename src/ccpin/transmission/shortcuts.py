@@ -174,7 +174,7 @@ def motor_loads(
         UnreachableError, SingularConfigurationError: The motion leaves the branch.
         InvalidInputError: No reference.
     """
-    along = _along(transmission, motion, near, whole(samples, "samples", 2))
+    along = _along(instance(transmission, "transmission", Transmission), motion, near, whole(samples, "samples", 2))
     efforts = _exact(along)
     speeds = np.array([posture.motor_velocity(v) for posture, v in zip(along.postures, along.v, strict=True)])
     stated = transmission.joint_model.mechanism.motors

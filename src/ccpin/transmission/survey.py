@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, vector, whole
+from ccpin.arrays import Array, instance, vector, whole
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
 from ccpin.transmission.posture import Posture
 from ccpin.transmission.transmission import Transmission
@@ -64,6 +64,7 @@ def survey(
     Raises:
         InvalidInputError: A lower end above its upper one.
     """
+    instance(transmission, "transmission", Transmission)
     model, side, n = transmission.joint_model, transmission.joint_side, transmission.n
     home = transmission.reference
     ends = []

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, frozen, positive, vector, whole
+from ccpin.arrays import Array, frozen, instance, positive, vector, whole
 from ccpin.control.references import Reference, ReferenceState
-
-if TYPE_CHECKING:
-    from ccpin.transmission.transmission import Transmission
+from ccpin.transmission.transmission import Transmission
 
 
 class Swing(Reference):
@@ -36,7 +32,7 @@ class Swing(Reference):
         centre: ArrayLike | None = None,
         cycles: int = 1,
     ) -> None:
-        n = transmission.n
+        n = instance(transmission, "transmission", Transmission).n
         self._side = transmission.joint_side
         self._amplitude = frozen(vector(amplitude, "amplitude", n))
         self._centre = frozen(transmission.reference.q_joint if centre is None else vector(centre, "centre", n))

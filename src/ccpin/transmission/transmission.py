@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, vector
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
+from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.other_coordinates.independent_sets import with_independent
 from ccpin.transmission.linkage import linkage_model
 from ccpin.transmission.posture import Models, Posture
-from ccpin.transmission.sides import Side, Sides, sides_of
+from ccpin.transmission.sides import Side, sides_of
 
 
 class Transmission:
@@ -58,6 +59,7 @@ class Transmission:
         )
         self.linkage = linkage_model(self.joint_model, sides)
         self.joint_side, self.motor_side = (Side(self.joint_model.mechanism, names) for names in sides)
+        self._mechanisms = mechanism, self.joint_model.mechanism, self.motor_model.mechanism
         self._models = Models(self.joint_model, self.motor_model, self.linkage, self.joint_side, self.motor_side)
 
     def __repr__(self) -> str:
@@ -70,16 +72,6 @@ class Transmission:
     def n(self) -> int:
         """The number of joints, and of motors."""
         return len(self.joints)
-
-    @property
-    def sides(self) -> Sides:
-        """Joints and motors."""
-        return Sides(self.joints, self.motors)
-
-    @property
-    def units(self) -> Sides:
-        """rad or m, of each joint and of each motor."""
-        return Sides(self.joint_side.units, self.motor_side.units)
 
     @property
     def reference(self) -> Posture:
@@ -97,14 +89,15 @@ class Transmission:
         Raises:
             UnreachableError: A singular configuration is in the way.
             SingularConfigurationError: The posture is one.
+            InvalidInputError: A wrong shape, not finite, or a place of another mechanism.
         """
         q = self.joint_side.configuration(vector(q_joint, "q_joint", self.n))
-        return Posture(self._models, self.joint_model.at(q, _place(near)))
+        return Posture(self._models, self.joint_model.at(q, self._place(near)))
 
     def at_motor(self, q_motor: ArrayLike, near: Near | Posture = None) -> Posture:
         """The posture at motors' displacements; arguments and errors as for `at`."""
         q = self.motor_side.configuration(vector(q_motor, "q_motor", self.n))
-        q_free = self.motor_model.at(q, _place(near)).q_free
+        q_free = self.motor_model.at(q, self._place(near)).q_free
         return Posture(self._models, self.joint_model.at(self.joint_model.alpha(q_free), q_free))
 
     def motor_from_joint(self, q_joint: ArrayLike, near: Near | Posture = None) -> Array:
@@ -115,15 +108,19 @@ class Transmission:
         """q_j(q_m), of shape (n,): `Posture.q_joint` of `at_motor`."""
         return self.at_motor(q_motor, near).q_joint
 
+    def _place(self, near: Near | Posture) -> ArrayLike | None:
+        """A configuration of this mechanism, whichever coordinates it came with."""
+        found = near.state if isinstance(near, Posture) else near
+        if not isinstance(found, State):
+            return found
+        if not any(found.model.mechanism is own for own in self._mechanisms):
+            name = self.joint_model.mechanism.name
+            raise InvalidInputError(f"near is of '{found.model.mechanism.name}', not of '{name}' as loaded for this")
+        return found.q_free
+
 
 def _measured(mechanism: Mechanism, names: tuple[str, ...], motors: tuple[str, ...]) -> Mechanism:
     """The mechanism in coordinates of these names, driven by these motors."""
     if mechanism.independent == names and mechanism.actuated == motors:
         return mechanism
     return replace(with_independent(mechanism, names, mechanism.q_reference), actuated=motors)
-
-
-def _place(near: Near | Posture) -> ArrayLike | None:
-    """A configuration, whichever coordinates it came with."""
-    found = near.state if isinstance(near, Posture) else near
-    return found.q_free if isinstance(found, State) else found
