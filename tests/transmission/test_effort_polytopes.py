@@ -6,7 +6,7 @@ from scipy.optimize import linprog, minimize_scalar
 
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import MotorModel
-from ccpin.transmission import Swing, motor_loads, survey
+from ccpin.transmission import Swing, Transmission, compare, motor_loads, survey
 from tests.support.linkage_models import FORMS, loaded, places, transmission_of
 
 
@@ -109,6 +109,18 @@ def test_limits_are_the_files_behind_their_gears():
         transmission_of("neck").reference.speed_polytope()
     with pytest.raises(InvalidInputError, match="effort"):
         transmission_of("neck").reference.torque_polytope(effort=-1.0)
+
+
+def test_efforts_are_counted_behind_the_gears():
+    """Of either sign: u of ±2 behind 5 is ±10 at the joint, and what is simulated is the same motion."""
+    plain, (motor,) = transmission_of("knee"), transmission_of("knee").motors
+    geared = Transmission(loaded("knee", motors={motor: {"gear": -5.0, "lower": -2.0, "upper": 1.0}}))
+    polygon = geared.reference.torque_polytope()
+    assert (polygon.lower[0], polygon.upper[0]) == (-5.0, 10.0)
+    np.testing.assert_array_equal(polygon.map, plain.reference.torque_polytope().map)
+    made = [compare(t, Swing(t, [0.2], 2.0), samples=21, bandwidth=5.0) for t in (plain, geared)]
+    np.testing.assert_allclose(made[1].deviation, made[0].deviation, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(made[1].exact, made[0].exact, rtol=0, atol=1e-10)
 
 
 def test_loads_of_a_swing():

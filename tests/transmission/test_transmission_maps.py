@@ -1,6 +1,8 @@
 """Motors and joints of linkages against their closed forms; power, stiffness, inertia and play against definitions."""
 
 import pickle
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +14,7 @@ from ccpin.transmission import Transmission
 from tests.oracles import rpdr as rpdr_forms
 from tests.oracles.finite_differences import derivative
 from tests.support.linkage_models import FORMS, MOTORS, ROTORS, loaded, places, transmission_of
-from tests.support.places import SHARED
+from tests.support.places import MODELS, SHARED
 
 each = pytest.mark.parametrize("name", FORMS)
 
@@ -180,6 +182,23 @@ def test_singular_postures_are_told():
     assert (margins[:, 1] > 1e-2).all()
     with pytest.raises(UnreachableError):
         found.at(postures[-1].q_joint - 0.01, postures[-1])
+
+
+def test_angles_on_circles_are_angles():
+    """The four-bar on continuous joints, whose q′ has cosines and sines: the same numbers."""
+    text = (MODELS / "four_bar.urdf").read_text(encoding="utf-8").replace('type="revolute"', 'type="continuous"')
+    text = text.replace('<loop name="pin" type="continuous">', '<loop name="pin" type="revolute">')
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "round.urdf"
+        path.write_text(text, encoding="utf-8")
+        circles, plain = Transmission(ccpin.load(path)), Transmission(ccpin.load("four_bar"))
+    assert circles.joint_model.nq == 2
+    for x in (0.6, 1.5, 2.5):
+        one, other = circles.at_motor([x]), plain.at_motor([x])
+        np.testing.assert_allclose(one.q_joint, other.q_joint, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(circles.at(other.q_joint, one).q_motor, [x], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(one.jacobian, other.jacobian, rtol=1e-9)
+        np.testing.assert_allclose(one.curvature, other.curvature, rtol=1e-8)
 
 
 def test_sides_that_are_none_are_refused():

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, vector, whole
-from ccpin.errors import InvalidInputError
+from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.programs.program_sources import slopes_of
 from ccpin.programs.recording.recorded_mechanism import numbering
 from ccpin.programs.recordings import record
@@ -117,8 +118,12 @@ def certify_effort_box(
     if not (room > 0.0).all():
         raise InvalidInputError(f"every motor must give both ways: {least} … {most}")
     middle = transmission.at(0.5 * (lower + upper))
-    wanted = middle.torque_polytope(effort=room, friction=0.0).largest_box() if shape is None else _positive(shape, n)
-    wanted = wanted if box is None else _positive(box, n)
+    wanted = (
+        middle.torque_polytope(effort=room, friction=0.0).largest_box()
+        if shape is None
+        else _positive(shape, "shape", n)
+    )
+    wanted = wanted if box is None else _positive(box, "box", n)
     cells, (best, stopped) = whole(max_cells, "max_cells"), (None, "no cut was tried")
     search = _BoxSearch(transmission, middle, lower, upper, room)
     count = 1
@@ -138,10 +143,10 @@ def certify_effort_box(
     return EffortBoxCertificate(transmission, lower, upper, wanted, room, None, witness, told)
 
 
-def _positive(value: ArrayLike, n: int) -> Array:
-    found = vector(value, "box", n)
+def _positive(value: ArrayLike, name: str, n: int) -> Array:
+    found = vector(value, name, n)
     if not (found > 0.0).all():
-        raise InvalidInputError(f"box = {found} must be positive")
+        raise InvalidInputError(f"{name} = {found} must be positive")
     return found
 
 
@@ -193,10 +198,6 @@ class _BoxSearch:
 
     def witness(self, box: Array) -> Posture | None:
         """A posture among corners and middle of the region at which the box is not held."""
-        from itertools import product
-
-        from ccpin.errors import CcpinError
-
         ends = zip(
             self._lower.tolist(), (0.5 * (self._lower + self._upper)).tolist(), self._upper.tolist(), strict=True
         )
