@@ -145,8 +145,7 @@ def difference(before: ccpin.Mechanism, after: ccpin.Mechanism) -> float:
         near = _same(before, after, state.q_free)
         q = other.coordinates.integrate(other.alpha(after.q_reference), step) if near is None else other.alpha(near)
         mine, theirs = (
-            (terms.D, terms.C, terms.g)
-            for terms in (one.terms(state.q, v, state.q_free), other.terms(q, v, near))
+            (terms.D, terms.C, terms.g) for terms in (one.terms(state.q, v, state.q_free), other.terms(q, v, near))
         )
         size = np.abs(mine[0]).max()
         for a, b in zip(mine, theirs, strict=True):
