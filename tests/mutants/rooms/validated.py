@@ -161,8 +161,8 @@ ROOMS: tuple[Room, ...] = (
         ),
         (
             "validated/programs/test_error_sweeps.py",
+            "validated/programs/test_sharp_certificates.py",
             "validated/programs/test_false_programs.py",
-            "validated/programs/test_program_certificates.py",
         ),
     ),
     Room(
@@ -223,12 +223,13 @@ ROOMS: tuple[Room, ...] = (
             "_up",
             "_down",
         ),
-        (*_BRANCHES, "validated/programs/test_program_certificates.py", _GUARDED),
+        ("validated/programs/test_sharp_certificates.py", _GUARDED),
     ),
     Room(
         "validated/programs/certificate_documents",
         ("read_certificate", "_source_of", "_code_of", "_instruction", "_count", "_text", "_number"),
         ("validated/programs/test_certificate_documents.py",),
+        (("> _MANY", "left × 2", "how many steps are too many for a file"),),
     ),
     Room("programs/certified_region", ("CertifiedRegion.ends", "CertifiedRegion.holds", "_is_region"), (_GUARDED,)),
     Room(
