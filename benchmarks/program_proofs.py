@@ -5,7 +5,8 @@ certified, as exported C in double and in float against the same arithmetic in _
 faces and inside: the largest error seen and the one proved, how many are beyond. __float128 is itself held against
 balls of 200 bits (python-flint). The branch is that which the reduced model's own core follows from the reference.
 
-Then states outside of what is proved: y farther from σ(q) than the certificate's start, q beyond its box.
+Then states outside of what is proved: y farther from σ(q) than the certificate's start, q beyond its box. Where an
+input is outside the certified box the exported C refuses; y may be in the box and yet far from σ at this q.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from benchmarks.firmware import ANKLE
 from benchmarks.quadruple import Quadruple, absent
 from ccpin import programs
 from ccpin.dynamics.batches import Failures
+from ccpin.programs.certified_region import OUTSIDE
 from ccpin.programs.numbers import NumbersOfRows
 from ccpin.programs.program_sources import assembled
 from ccpin.programs.recording.recorded_mechanism import numbering
@@ -58,12 +60,17 @@ class Seen(NamedTuple):
 
 
 class Outside(NamedTuple):
-    """States that nothing is proved of: refused; trusted and right; trusted and wrong; without σ(q) and trusted."""
+    """States that nothing is proved of.
 
+    Attributes:
+        beyond: Those with an input outside the certified box.
+        refused: Of these, those with status 3.
+        others: Status not 0; status 0 and σ(q) on the branch; status 0 and not, of the others.
+    """
+
+    beyond: int
     refused: int
-    right: int
-    wrong: int
-    none: int
+    others: tuple[int, int, int]
 
 
 class Region:
@@ -80,7 +87,9 @@ class Region:
         self._model, self._certificate, self._program = model, certificate, certificate.program
         self._numbers = NumbersOfRows(model, numbering(model, model.mechanism.q_reference))
         self._format, self._type = format, PRECISIONS[format].type
-        self._quadruple = Quadruple(self._program, format)
+        guarded = certificate.guarded()
+        assert guarded.region is not None
+        self._region, self._quadruple = guarded.region, Quadruple(guarded, format)
 
     def seen(self, count: int, exact: int, seed: int = 0) -> Seen:
         """So many random states, of which so many also in balls."""
@@ -115,7 +124,7 @@ class Region:
 
     def outside(self, count: int, seed: int = 1) -> Outside:
         """So many random states, half of them with q in the box and y far, half with q beyond it and y near."""
-        certificate, rng, total = self._certificate, np.random.default_rng(seed), np.zeros(4, dtype=np.int64)
+        certificate, rng, total = self._certificate, np.random.default_rng(seed), np.zeros(5, dtype=np.int64)
         n, m = self._model.n, self._program.inputs[1].size
         middle, half = 0.5 * (certificate.lower + certificate.upper), 0.5 * (certificate.upper - certificate.lower)
         for first in range(0, count, CHUNK):
@@ -132,14 +141,20 @@ class Region:
             q = middle + half * way[:, :n]
             sigma, there = self._sigma(q)
             y = sigma + certificate.start * way[:, n : n + m]
-            x = np.hstack([q, np.where(there[:, None], y, 0.0), certificate.bounds * way[:, n + m :]])
+            x = np.hstack([q, np.where(there[:, None], y, 0.0), certificate.bounds * way[:, n + m :]]).astype(
+                self._type
+            )
             out, status = self._quadruple.run(x)
+            held = np.all((x >= np.array(self._region.lower)) & (x <= np.array(self._region.upper)), axis=1)
             trusted, wrong = status == 0, self._strays(out, sigma)
             total += [
                 np.count_nonzero(each)
-                for each in (~trusted, trusted & there & ~wrong, trusted & there & wrong, trusted & ~there)
-            ]
-        return Outside(*map(int, total))
+                for each in (
+                    ~held, ~held & (status == OUTSIDE), held & ~trusted, held & trusted & ~wrong, held & trusted & wrong
+                )
+            ]  # fmt: skip
+        beyond, refused, *others = map(int, total)
+        return Outside(beyond, refused, (others[0], others[1], others[2]))
 
     def _strays(self, out: np.ndarray, sigma: np.ndarray) -> np.ndarray:
         """Which outputs have σ farther from the branch than the certificate's start; none where σ is none of them."""
@@ -206,9 +221,10 @@ def main() -> None:
                 _tell(format, region.seen(asked.states, asked.exact), certificate)
                 if given == "near":
                     told = region.outside(asked.states)
+                    status, right, wrong = told.others
                     print(
-                        f"    outside: {told.refused} refused; trusted: {told.right} right, {told.wrong} wrong, "
-                        f"{told.none} where there is no σ(q)",
+                        f"    outside: of {told.beyond} states beyond the box {told.refused} refused; of others with y "
+                        f"too far {status} with a status, {right} right, {wrong} wrong",
                         flush=True,
                     )
 

@@ -43,7 +43,9 @@ def judged(found, states, exact):
         assert (seen.largest >= 1e-6 * seen.proved).all()
         assert seen.doubt < 1e-12
         if certificate.program.corrections:
-            assert region.outside(states).wrong == 0
+            outside = region.outside(states)
+            assert outside.beyond == outside.refused > 0
+            assert outside.others[2] == 0
     return region
 
 
