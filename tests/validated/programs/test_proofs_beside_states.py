@@ -4,9 +4,10 @@ from fractions import Fraction
 
 import pytest
 
-from benchmarks import quadruple
-from benchmarks.program_proofs import REGIONS, Region, certified
+from benchmarks.program_proofs import REGIONS, certified
 from ccpin.validated.programs.program_certificate import ProgramCertificate
+from tests.support import quadruple
+from tests.support.beside_states import Region
 
 pytest.importorskip("flint")
 if missing := quadruple.absent():
