@@ -41,7 +41,7 @@ def judged(found, states, exact):
         assert (seen.beyond, seen.wrong) == (0, 0)
         assert seen.refused == 0 or not certificate.always_trusted(format)
         assert (seen.largest <= seen.proved).all()
-        assert (seen.largest >= 1e-6 * seen.proved).all()
+        assert (seen.largest >= 1e-8 * seen.proved).all()
         assert seen.doubt < 1e-12
         if certificate.program.corrections:
             outside = region.outside(states)
