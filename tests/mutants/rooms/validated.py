@@ -71,7 +71,9 @@ _MOVES = (
 )
 _DEFECT = ("validated/flow/test_sharp_defect.py",)
 _TAPES = "programs/test_tape.py"
-_BRANCHES = tuple(f"validated/programs/test_{name}.py" for name in ("sharp_tubes", "program_claims", "false_programs"))
+_BRANCHES = tuple(
+    f"validated/programs/test_{name}.py" for name in ("sharp_branches_of_lines", "program_claims", "false_programs")
+)
 _GUARDED = "validated/programs/test_guarded_programs.py"
 _PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
