@@ -72,7 +72,9 @@ _MOVES = (
 _DEFECT = ("validated/flow/test_sharp_defect.py",)
 _TREES = ("programs/test_recorded_trees.py",)
 _TAPES = "programs/test_tape.py"
-_BRANCHES = tuple(f"validated/programs/test_{name}.py" for name in ("sharp_tubes", "program_claims", "false_programs"))
+_BRANCHES = tuple(
+    f"validated/programs/test_{name}.py" for name in ("sharp_branches_of_lines", "program_claims", "false_programs")
+)
 _GUARDED = "validated/programs/test_guarded_programs.py"
 _PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
@@ -426,6 +428,38 @@ ROOMS: tuple[Room, ...] = (
         ("Numbering.dependent", "numbering", "recorded_model", "_independent_rows", "_unit_lengths"),
         _RECORDED,
         (("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),),
+    ),
+    Room(
+        "programs/recording/constants",
+        (
+            "parameters_of",
+            "_parameter",
+            "_values",
+            "Constants.__init__",
+            "Constants.joints",
+            "Constants.ends",
+            "Constants.gravity",
+            "Constants.damping",
+            "Constants.stiffness",
+            "Constants.armature",
+            "Constants.sprung",
+            "Constants.body",
+            "Constants._links",
+            "Constants._stated",
+            "Constants._of",
+            "Constants._factor",
+            "Constants._scaled",
+            "_steiner",
+            "_about_origin",
+        ),
+        ("programs/test_parameters.py", "validated/test_joints.py::test_recorded_dynamics[rod]"),
+        (
+            (
+                "if len(links) == 1 and",
+                "not asked: len(links) == 1",
+                "of several links with masses none weighs what all of them do",
+            ),
+        ),
     ),
     Room("programs/folding", ("folded",), (*_PROGRAMS, _TAPES)),
     Room(

@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.firmware import arguments
 from ccpin import programs
 from ccpin.programs import instructions as kinds
+from ccpin.programs.program import Port, windows
 from ccpin.programs.program_sources import assembled
 from ccpin.programs.sine_cosine import PRECISIONS, Format
 
@@ -128,8 +128,8 @@ class Quadruple:
             programs.export(program, made, name="exported", format=format)
             text = TEXT.format(
                 name="exported", format=format, size=self.code.size, reads=self._reads, gives=self._gives, parts=PARTS,
-                places=", ".join(arguments(program, "in", "to")), lines="\n    ".join(lines),
-                first=program.inputs[0].size, m=program.inputs[1].size,
+                places=", ".join([*_places("in", program.inputs), *_places("to", program.outputs)]),
+                lines="\n    ".join(lines), first=program.inputs[0].size, m=program.inputs[1].size,
             )  # fmt: skip
             (Path(made) / "beside.c").write_text(text)
             command = [COMPILER, *FLAGS, "beside.c", "-o", "beside.so", "-lquadmath", "-lm"]
@@ -151,6 +151,11 @@ class Quadruple:
         near = _place(y) if self.program.corrections else None
         self._library.compare(ctypes.c_long(len(x)), _place(x), near, *map(_place, (out, off, exact)))
         return Beside(out, status, off, exact)
+
+
+def _places(word: str, ports: tuple[Port, ...]) -> list[str]:
+    """Where each port that is not empty begins in an array of all."""
+    return [f"{word} + {window.start}" for port, window in zip(ports, windows(ports), strict=True) if port.size]
 
 
 def _place(table: np.ndarray) -> ctypes.c_void_p:
