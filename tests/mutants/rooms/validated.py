@@ -365,13 +365,13 @@ ROOMS: tuple[Room, ...] = (
             "_loop_rows",
             "_SNAP",
         ),
-        _RECORDED,
+        (*_TREES, *_RECORDED),
         (("return self.kind.unit == 4 or", "not asked: self.kind.unit == 2", "several freedoms: a unit length"),),
     ),
     Room(
         "programs/recording/recorded_forces",
         ("closure_terms", "dynamic_terms", "with_springs", "_bodies"),
-        _RECORDED,
+        (*_TREES, *_RECORDED),
         (
             ("right[row, entries] = -psi[row, known]", "left out", "zeros: such a row is of other velocities"),
             ("x_rate[list(q.places)] = v", "left out", "the same by what ρ is, only in wider balls"),
