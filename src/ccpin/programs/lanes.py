@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import ctypes
+import marshal
 import platform
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ccpin.arrays import choice
 from ccpin.errors import InvalidInputError
+from ccpin.programs import c_code, evaluation, folding, sine_cosine
 from ccpin.programs.c_code import kernel_of, lane_macros
 from ccpin.programs.compiling import NoCompilerError, loaded
 from ccpin.programs.program import Program, windows
@@ -74,7 +78,7 @@ class CompiledProgram:
         self._type = np.dtype(np.float64 if format == "double" else np.float32)
         wide = vectors or width()
         flags = ("-O2" if len(program.code.instructions) <= PIECE else "-O1", *wide.flags)
-        self._use(loaded(source(program, format, wide), flags, self._examined))
+        self._use(loaded(lambda: source(program, format, wide), _made_of(program, format, wide), flags, self._examined))
 
     def _use(self, library: ctypes.CDLL) -> None:
         self._run = library.many
@@ -176,6 +180,26 @@ def fastest(program: Program, format: Format = "double") -> CompiledProgram | In
         return CompiledProgram(program, format)
     except NoCompilerError:
         return InNumPy(program)
+
+
+def _made_of(program: Program, format: Format, vectors: Width) -> str:
+    """A digest of all that decides `source`: the arithmetic, the format, the vectors, and the modules that write it."""
+    code = program.code
+    lines = [
+        (kind, target, a, b, *(() if k is None else (k.numerator, k.denominator)))
+        for kind, target, a, b, k in code.instructions
+    ]
+    sizes = [[port.size for port in ports] for ports in (program.inputs, program.outputs)]
+    checks = [(pivot.number, pivot.scale) for pivot in program.pivots], program.corrections, program.tolerance
+    whole = (code.inputs, lines, code.outputs, sizes, checks, format, vectors.bytes, _writers())
+    return sha256(marshal.dumps(whole, 2)).hexdigest()  # version 2: of the values alone, not of which are one object
+
+
+@cache
+def _writers() -> bytes:
+    """The text of the modules that write C."""
+    written = (c_code.__file__, evaluation.__file__, folding.__file__, sine_cosine.__file__, __file__)
+    return b"".join(Path(file).read_bytes() for file in written)
 
 
 def source(program: Program, format: Format, vectors: Width) -> str:
