@@ -8,7 +8,7 @@ ROOMS = (
     Room(
         "transmission/effort_box_claim",
         ("EffortBoxHeld.examined", "EffortBoxHeld._used", "balance"),
-        ("transmission/test_effort_box.py",),
+        ("transmission/test_effort_box_claim.py", "transmission/test_effort_box.py"),
     ),
 )
 
