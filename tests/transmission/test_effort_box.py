@@ -6,9 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import ccpin
+from ccpin.description.model import frame
 from ccpin.errors import InvalidInputError
 from ccpin.proof.facts import NotProvedError, prove
-from ccpin.transmission import certify_effort_box, effort_box
+from ccpin.transmission import Transmission, certify_effort_box, effort_box
 from tests.support.linkage_models import FORMS, transmission_of
 
 pytest.importorskip("flint")
@@ -113,6 +115,22 @@ def test_what_was_pickled_or_altered_is_not_known(held):
     for change in ({"box": 1.1 * held.box}, {"lower": held.lower - 0.1}, {"room": 0.5 * held.room}, {"held": None}):
         assert replace(held, **change).verdict == "undecided"
     assert pickle.loads(pickle.dumps(held)).verdict == "undecided"
+
+
+def test_a_certificate_of_another_linkage_says_nothing(held):
+    """A rod by a millimetre longer, the motors in another order: the fact is about neither."""
+    description = held.transmission.joint_model.mechanism.settled()
+    moved = [
+        replace(one, placement_a=one.placement_a @ frame([0, 0, -1e-3])) if one.name == "left_heel" else one
+        for one in description.closures
+    ]
+    longer = Transmission(ccpin.load(replace(description, closures=moved)), ["pitch", "roll"])
+    turned = Transmission(held.transmission.joint_model, ["pitch", "roll"], ["right_motor", "left_motor"])
+    for other in (longer, turned):
+        assert replace(held, transmission=other).verdict == "undecided"
+    assert (
+        replace(held, transmission=Transmission(held.transmission.joint_model, ["pitch", "roll"])).verdict == "proven"
+    )
 
 
 def test_matrices_that_are_wrong_cost_the_proof(monkeypatch):
