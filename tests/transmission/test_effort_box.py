@@ -135,12 +135,13 @@ def test_a_certificate_of_another_linkage_says_nothing(held):
 
 def test_matrices_that_are_wrong_cost_the_proof(monkeypatch):
     """Proposals are trusted by nobody."""
-    right = effort_box._BoxSearch._matrices
+    right, cells = effort_box._BoxSearch._matrices, 32
+    assert certify_effort_box(transmission_of("knee"), REGIONS["knee"], max_cells=cells).verdict == "proven"
     for spoil in (lambda x: np.zeros_like(x), lambda x: -x, lambda x: np.swapaxes(x, 1, 2), lambda x: 3.0 * x):
         monkeypatch.setattr(
             effort_box._BoxSearch, "_matrices", lambda self, branch, spoil=spoil: spoil(right(self, branch))
         )
-        assert certify_effort_box(transmission_of("knee"), REGIONS["knee"], max_cells=32).verdict == "undecided"
+        assert certify_effort_box(transmission_of("knee"), REGIONS["knee"], max_cells=cells).verdict == "undecided"
 
 
 def test_regions_and_boxes_that_are_none_are_refused():
