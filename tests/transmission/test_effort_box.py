@@ -27,6 +27,17 @@ def test_efforts_of_several_joints_add_up():
     assert (used >= expected * (1 - 1e-12)).all()
 
 
+def test_more_cells_than_are_looked_at_at_a_time():
+    """Each of 512 has its own bound: above what the closed form asks for at its ends, and not far above."""
+    found, (lower, upper) = transmission_of("knee"), map(np.array, REGIONS["knee"])
+    search = effort_box._BoxSearch(found, found.reference, lower, upper, np.array([1e3]))
+    fact, _ = search.cut(512, np.array([3.0]), fixed=True)
+    used, ends = fact.found["used"][:, 0], np.linspace(lower, upper, 513)
+    asked = np.array([3.0 / abs(FORMS["knee"].jacobian(q)[0, 0]) for q in ends])
+    assert (used >= np.maximum(asked[1:], asked[:-1])).all()
+    np.testing.assert_allclose(used, np.maximum(asked[1:], asked[:-1]), rtol=5e-3)
+
+
 # Forged claims.
 
 
