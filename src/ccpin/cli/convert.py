@@ -37,7 +37,9 @@ def _convert(options: argparse.Namespace) -> int:
     mechanism = load(options)
     wanted = options.to or format_of(options.out)
     if options.check and wanted != "mjcf":
-        raise InvalidInputError("--check runs the file in MuJoCo, which wants MJCF: --to mjcf, or a name that ends in .xml")
+        raise InvalidInputError(
+            "--check runs the file in MuJoCo, which wants MJCF: --to mjcf, or a name that ends in .xml"
+        )
     with busy(options.json, "writing"):
         notes = mechanism.save(options.out, options.to, loops=options.loops, meshes=options.meshes)
     if wanted == "toolbox":
@@ -49,7 +51,9 @@ def _convert(options: argparse.Namespace) -> int:
     else:
         print(f"{options.out} written: {mechanism.name}, n = {mechanism.n}, closed at its reference")
         print(*(f"note: {note}" for note in gathered(notes)), sep="\n", end="\n" if notes else "")
-        print(*(() if checked is None else (f"in MuJoCo, u held: {checked[0]}",)), sep="\n", end="\n" if checked else "")
+        print(
+            *(() if checked is None else (f"in MuJoCo, u held: {checked[0]}",)), sep="\n", end="\n" if checked else ""
+        )
     return 0
 
 

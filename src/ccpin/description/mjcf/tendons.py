@@ -81,7 +81,11 @@ def left_out(sections: Iterable[XmlElement], defaults: Defaults, equated: frozen
     """Whether the file's tendons are more than the sides of the equalities that were read (names in `equated`)."""
     for xml in (xml for section in sections for xml in section.iterchildren("*")):
         said = defaults.resolve(xml, MAIN, "tendon")
-        if xml.tag not in ("fixed", "spatial") or said.text("name") not in equated or any(said.text(word) for word in _PHYSICS):
+        if (
+            xml.tag not in ("fixed", "spatial")
+            or said.text("name") not in equated
+            or any(said.text(word) for word in _PHYSICS)
+        ):
             return True
     return False
 

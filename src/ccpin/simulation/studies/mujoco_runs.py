@@ -35,7 +35,8 @@ class MujocoRun(NamedTuple):
     """What a run of MuJoCo's came to.
 
     Attributes:
-        gap: The farthest that the ends of a closure (or of a rod) came apart, m.
+        gap: The farthest that the ends of a closure (or of a rod) came apart, m; infinite, like the two below, where
+            MuJoCo became unstable.
         turned: The largest difference of a turning joint's displacement from ours, rad; where spins are locked that are
             free in the file, of an independent one's.
         slid: The same of sliding joints, m.
@@ -50,6 +51,8 @@ class MujocoRun(NamedTuple):
     u: Array
 
     def __str__(self) -> str:
+        if math.isinf(self.gap):
+            return f"MuJoCo becomes unstable after {self.seconds:.3g} s"
         off = [f"{math.degrees(self.turned):.2g}°"] + ([f"{self.slid:.2g} m"] if self.slid else [])
         return f"loops open by {self.gap:.2g} m, joints off by {' and '.join(off)} within {self.seconds:.3g} s"
 
@@ -79,7 +82,13 @@ def run_in_mujoco(
     q = reduced.alpha(mechanism.q_reference)
     sample = every * float(engine.opt.timestep)
     ours = simulate(reduced, HeldEffort(held), q, duration=max(until, sample), sample_period=sample)
-    return _beside(mechanism, engine, ours, held, every)
+    import mujoco
+
+    mujoco.set_mju_user_warning(lambda _: None)  # else they go to a file MUJOCO_LOG.TXT in the working folder
+    try:
+        return _beside(mechanism, engine, ours, held, every)
+    finally:
+        mujoco.set_mju_user_warning(None)
 
 
 def _gentle(model: ReducedModel) -> Array:
@@ -117,12 +126,15 @@ def _beside(mechanism: Mechanism, engine: Any, ours: Trajectory, u: Array, every
     chosen = {mechanism.tree.split(name)[0] for name in mechanism.independent}
     compared = [each for each in mechanism.tree.joints if not mechanism.locked or each.name in chosen]
     joints = [_Joint.of(engine, joint) for joint in compared]
+    unstable = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
     worst = np.zeros(3)
     for k, q_free in enumerate(ours.q_free):
         if k and not math.isclose(ours.t[k] - ours.t[k - 1], every * engine.opt.timestep, rel_tol=1e-6):
             break  # the last sample of a motion that ended early
         for _ in range(every if k else 0):
             mujoco.mj_step(engine, data)
+        if any(data.warning[int(kind)].number for kind in unstable):
+            return MujocoRun(math.inf, math.inf, math.inf, float(ours.t[k - 1]), u)
         probe.qpos[:] = data.qpos
         mujoco.mj_fwdPosition(engine, probe)
         off = [joint.off(data.qpos, q_free) for joint in joints]
@@ -136,7 +148,9 @@ def _inputs(mechanism: Mechanism, engine: Any, u: Array) -> Array:
     driven = {mechanism.tree.split(name)[0]: value for name, value in zip(mechanism.actuated, u, strict=True)}
     names = [engine.joint(engine.actuator(k).trnid[0]).name for k in range(engine.nu)]
     if sorted(names) != sorted(driven):
-        raise InvalidInputError(f"the file's motors are on {', '.join(names) or 'no joints'}, not on {', '.join(driven)}")
+        raise InvalidInputError(
+            f"the file's motors are on {', '.join(names) or 'no joints'}, not on {', '.join(driven)}"
+        )
     return np.array([driven[name] for name in names])
 
 
