@@ -1,6 +1,6 @@
 """Every mechanism through every format that is written, and back; and every MJCF file that is written, run in MuJoCo.
 
-``python -m benchmarks.round_trips [--random 30] [--only FORMAT …] [--subject WORD] [--others FOLDER]`` prints the tables:
+``python -m benchmarks.round_trips [--random 30] [--only FORMAT …] [--subject WORD] [--others FOLDER]`` prints both:
 installed models, files of others where they are, and random mechanisms. `tests.support.trips` says what equal means; a
 refusal names what the format has no words for. In MuJoCo a file is run for a second from its closed keyframe, motors
 held, as it was stated and tight: how far its loops open, and how far its joints are from the reduced model's.

@@ -77,11 +77,11 @@ def test_kept_meshes_are_named_by_their_whole_path(tmp_path):
 
 def test_what_cannot_be_copied_is_told(tmp_path):
     """A file that stands where the folder should."""
-    description, files = drawn(tmp_path / "cad")
+    description, _ = drawn(tmp_path / "cad")
     out = tmp_path / "out"
     out.mkdir()
     (out / "meshes").write_text("")
-    with pytest.raises(InvalidInputError, match="bar.stl' cannot be copied beside"):
+    with pytest.raises(InvalidInputError, match=r"bar\.stl' cannot be copied beside"):
         write_description(description, out / "robot.urdf", meshes="copied")
     assert not (out / "robot.urdf").exists()
     assert ccpin.load(description).n == 1

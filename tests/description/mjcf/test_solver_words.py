@@ -1,4 +1,4 @@
-"""What an MJCF file tells MuJoCo's solver comes out again, as MuJoCo itself compiles it; and what tight files tell it."""
+"""What an MJCF file tells MuJoCo's solver comes out again, as MuJoCo compiles it; and what tight files tell it."""
 
 from dataclasses import replace
 

@@ -24,7 +24,7 @@ def tightened(description: MechanismDescription) -> MechanismDescription:
     rods = any(closure.kind == "distance" for closure in description.closures)
     step = min(_step(description.solver), LONGEST_ROD_STEP if rods else LONGEST_STEP)
     soft = {"solref": written([2.0 * step, 1.0]), "solimp": _STIFF}
-    held = [each.name for each in (*description.closures, *description.couplings)]
+    held = [closure.name for closure in description.closures] + [each.name for each in description.couplings]
     joints = {
         joint.name: {f"{word}{what}": value for word, value in soft.items() for what in ("limit", "friction")}
         for joint in description.joints
