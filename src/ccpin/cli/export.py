@@ -10,7 +10,7 @@ from typing import Any
 import shtab
 
 from ccpin.cli.command import add_command, complete, count
-from ccpin.cli.laws import add_law, law_of
+from ccpin.cli.laws import TRACKING, add_gains, law_of
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import busy
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -21,6 +21,7 @@ from ccpin.programs.sine_cosine import PRECISIONS
 _EXAMPLES = """\
 example: ccpin export rpdr --what forward_dynamics --out firmware
          ccpin export rpdr --what sigma torque --given near --precision float --goal-deg -90 -100 --out firmware
+         ccpin export rpdr --what sigma torque --given near --law computed_torque --out firmware
          ccpin export rpdr --target json --what mass gravity --name rpdr_terms --out firmware"""
 
 
@@ -38,8 +39,18 @@ def add_export(commands: Any) -> None:
     parser.add_argument("--derivatives", nargs="+", default=(), metavar="BY", help=also)
     parser.add_argument("--precision", choices=tuple(PRECISIONS), default="double", help="of C's arithmetic")
     parser.add_argument("--name", metavar="NAME", help="of function and files (default: of mechanism and what)")
-    add_vector(parser, "goal", "the set point of torque and lyapunov (default: the reference)")
-    add_law(parser)
+    add_vector(
+        parser, "goal", "the set point of torque and lyapunov, about which gains are chosen (default: the reference)"
+    )
+    laws = (
+        "the law of torque: PD with gravity at the goal (simple, the default) or at q (full); or one whose reference "
+        "q_d, v_d, a_d is an input: PD with gravity at q (online), PD+, computed torque; its efforts are not clipped "
+        "to the motors' limits"
+    )
+    parser.add_argument("--law", choices=("simple", "full", *TRACKING), default="simple", help=laws)
+    add_gains(parser)
+    moves = "the set point of simple and full is an input, too: q_d, and of simple its gravity g_d"
+    parser.add_argument("--moving", action="store_true", help=moves)
     written = "the folder to write to; it is made where it is absent"
     complete(parser.add_argument("--out", type=Path, required=True, metavar="DIR", help=written), shtab.DIRECTORY)
 
@@ -60,6 +71,7 @@ def _export(options: argparse.Namespace) -> int:
             steps=options.steps,
             derivatives=tuple(options.derivatives),
             law=law,
+            moving=options.moving or (law is not None and options.law in TRACKING),
         )
         files = export(program, options.out, options.target, name=options.name, format=options.precision)
     ports = {
@@ -68,9 +80,10 @@ def _export(options: argparse.Namespace) -> int:
     }
     if options.json:
         told = {"written": list(map(str, files)), "digest": program.digest, "operations": program.operations}
-        print(json.dumps(told | ports, indent=2))
+        print(json.dumps(told | ports | {"notes": program.notes}, indent=2))
         return 0
     reads, gives = (", ".join(port.name for port in group) for group in (program.inputs, program.outputs))
     print(f"{program.name}: {reads} ↦ {gives}, {sum(program.operations.values())} operations")
+    print(*program.notes, sep="\n", end="\n" if program.notes else "")
     print(f"wrote {', '.join(map(str, files))}")
     return 0

@@ -243,11 +243,10 @@ def _many(name: str, inputs: Sequence[int], outputs: Sequence[int]) -> str:
         f"R x[{max(starts[-1], 1)}], out[{max(ends[-1], 1)}];",
         "for (long i = 0; i < n; i += LANES) {",
         *(f"    {line}" for line in loads),
-        "    I large;",
-        f"    const I ok = {name}_kernel(x, out, &large);",
+        f"    const I code = {name}_kernel(x, out);",
         *(f"    {line}" for line in stores),
         "    for (int lane = 0; lane < LANES && i + lane < n; lane++)",
-        "        status[i + lane] = ok[lane] ? 0 : large[lane] ? 2 : 1;",
+        "        status[i + lane] = (int)code[lane];",
         "}",
     ]
     return "\n".join(

@@ -15,6 +15,7 @@ from ccpin.programs.lowering import Pivot, lowered
 from ccpin.programs.tape import Expression, Tape
 
 Table = Any  # an array of expressions
+INPUTS = ("v", "u", "a", "p", "q_d", "v_d", "a_d", "g_d")  # of what is recorded, after x
 
 
 class ProgramSource(NamedTuple):
@@ -22,10 +23,10 @@ class ProgramSource(NamedTuple):
 
     Attributes:
         closure: As many equations of x (and p) as numbers y of it depend; further inputs are not read.
-        inner: The outputs as functions of x, v, u, a and p, with linear solves.
+        inner: The outputs as functions of x and `INPUTS`, with linear solves.
         independent: Places of q in x.
-        sizes: Of x, v, u, a and p.
-        ports: The program's inputs by name, with sizes: q, y, then those of v, u, a, p that are read.
+        sizes: Of x, v, u, a, p, and where a law's reference is an input of q_d, v_d, a_d and g_d (`INPUTS`).
+        ports: The program's inputs by name, with sizes: q, y, then those of `INPUTS` that are read.
         steps: Newton steps of σ, one more with the last matrix following; 0 where y is given closed.
         samples: Of the program's inputs, at which pivots are chosen, of shape (N, inputs), row by row.
     """
@@ -66,7 +67,7 @@ def assembled(source: ProgramSource) -> Assembled:
     ends = np.cumsum([size for _, size in source.ports])[:-1]
     given = dict(zip((name for name, _ in source.ports), np.split(_row(tape.inputs), ends), strict=True))
     q, y = given["q"], given["y"]
-    due = zip("vuap", source.sizes[1:], strict=True)
+    due = zip(INPUTS, source.sizes[1:], strict=False)
     others = [entry for name, size in due for entry in given.get(name, np.zeros(size, dtype=object))]
     iterates, correction = _newton(tape, source, (q, y), others) if source.steps else ([], _row([]))
     end = iterates[-1] if iterates else y

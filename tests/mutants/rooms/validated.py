@@ -72,6 +72,7 @@ _MOVES = (
 _DEFECT = ("validated/flow/test_sharp_defect.py",)
 _TAPES = "programs/test_tape.py"
 _BRANCHES = ("validated/programs/test_program_claims.py", "validated/programs/test_false_programs.py")
+_GUARDED = "validated/programs/test_guarded_programs.py"
 _PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
     Room(
@@ -197,12 +198,14 @@ ROOMS: tuple[Room, ...] = (
             "ProgramCertificate._rests",
             "ProgramCertificate.always_trusted",
             "ProgramCertificate._by_port",
+            "ProgramCertificate.guarded",
             "_bits",
             "_up",
             "_down",
         ),
-        (*_BRANCHES, "validated/programs/test_program_certificates.py"),
+        (*_BRANCHES, "validated/programs/test_program_certificates.py", _GUARDED),
     ),
+    Room("programs/certified_region", ("CertifiedRegion.ends", "CertifiedRegion.holds", "_is_region"), (_GUARDED,)),
     Room(
         "validated/arithmetic/balls",
         ("_put_together", "with_radius", "_RADIUS_BITS", "around", "finite", "gain"),
@@ -655,6 +658,11 @@ _CHOSEN = "chooses the length of a step, which `attempt` proves"
 EXCUSED: tuple[Excused, ...] = (
     Excused("validated/programs/proposals", (), "proposes cells and tubes: `BranchOverCells` says what is proved"),
     Excused("validated/programs/certifying", (), "proposes starts and cuts: the claims say what is proved"),
+    Excused(
+        "validated/programs/guarding",
+        (),
+        "from where on y is refused: the statement says how near it must be, whatever is let in",
+    ),
     Excused("validated/programs/rounding_claim", ("_MEMORY",), "how many cells are looked at at once"),
     Excused(
         "validated/programs/program_certificate",

@@ -53,6 +53,8 @@ def certify_program(
     program = instance(program, "program", Program)
     if program.source is None:
         raise InvalidInputError("a program that was loaded has not what it was made of: record it here")
+    if program.region is not None:
+        raise InvalidInputError("a program with a certified region: certify the program that it was made of")
     equations = ProgramEquations(program.source)
     n, m = equations.sizes["Q"], equations.n_y
     if not isinstance(region, Sequence) or isinstance(region, str) or len(region) != 2:

@@ -12,11 +12,13 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError
+from ccpin.programs.certified_region import CertifiedRegion
 from ccpin.programs.program import SMALL_PIVOT, Program, windows
 from ccpin.proof.facts import Fact, is_fact, prove
 from ccpin.proof.verdict import Judged, Verdict, not_known_of
 from ccpin.validated.programs.branch_claim import BranchOverCells
 from ccpin.validated.programs.error_sweeps import FORMATS
+from ccpin.validated.programs.guarding import example_rows, tube_hull
 from ccpin.validated.programs.rounding_claim import ProgramComputed
 from ccpin.validated.programs.steps_claim import StepsFindSigma
 
@@ -100,6 +102,7 @@ class ProgramCertificate(Judged):
         """Whether a branch is that of this program over this box."""
         made, program = claim.equations.made, self.program
         same = (made.code, made.pivots, made.corrections) == (program.code, program.pivots, program.corrections)
+        same = same and program.region is None  # one with a region has another status
         return same and np.array_equal(claim.lower, self.lower) and np.array_equal(claim.upper, self.upper)
 
     def _rests(self, fact: Fact, branch: Fact, steps: Fact | None) -> bool:
@@ -189,6 +192,25 @@ class ProgramCertificate(Judged):
         lines.append("inputs being numbers of the format, nothing fused or reordered, its own sine and cosine.")
         lines.append(f"program {self.program.digest}")
         return "\n".join(lines)
+
+    def guarded(self) -> Program:
+        """The program, with the statement, and with status 3 where an input is out of the region.
+
+        What is checked is q, the bounds of all else, and that y is no farther from the branch than it may be at some q
+        of the box. Its examples are states in the region.
+
+        Raises:
+            InvalidInputError: Nothing is proved.
+        """
+        if not self._known:
+            raise InvalidInputError(f"nothing is proved of the program, so that no region is certified: {self.reason}")
+        assert self.branch is not None
+        ends = tube_hull(self.branch, self.start)
+        parts = (self.lower, ends[0], -self.bounds), (self.upper, ends[1], self.bounds)
+        lower, upper = (tuple(np.concatenate(part).tolist()) for part in parts)
+        region = CertifiedRegion(lower, upper, tuple(self._by_format), self.statement())
+        first, *others = example_rows(self.branch, self.bounds)
+        return replace(self.program, region=region, example=first, around=tuple(others))
 
     def replay(self) -> ProgramCertificate:
         """The same with every fact proved once more from its data.

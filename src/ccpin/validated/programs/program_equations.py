@@ -18,7 +18,7 @@ import numpy as np
 from ccpin.programs.evaluation import value_of
 from ccpin.programs.folding import DOUBLES, Arithmetic, folded
 from ccpin.programs.instructions import ANGLE, CONSTANT, COSINE, GAIN, MULTIPLY, SCALE, SINE, Code
-from ccpin.programs.program_sources import Assembled, ProgramSource, assembled, bend_of, slopes_of
+from ccpin.programs.program_sources import INPUTS, Assembled, ProgramSource, assembled, bend_of, slopes_of
 from ccpin.proof.digests import digest
 from ccpin.proof.facts import NotProvedError, known, require
 from ccpin.validated.arithmetic.balls import ball, flint, upper
@@ -73,8 +73,8 @@ class ProgramEquations:
         require([type(k) is int and k >= 0 for k in sizes], "sizes and places that are none")
         parts = (source.independent, source.sizes, source.ports, source.samples, *source.ports, *source.samples)
         require([type(part) is tuple for part in parts], "what could be changed")
-        require(len(source.sizes) == 5 and source.sizes[4] == 0, "constants that are inputs")
-        due = dict(zip("vua", source.sizes[1:4], strict=True)) | {"q": len(source.independent), "y": self.n_y}
+        require(len(source.sizes) in (5, 1 + len(INPUTS)) and source.sizes[4] == 0, "constants that are inputs")
+        due = dict(zip(INPUTS, source.sizes[1:], strict=False)) | {"q": len(source.independent), "y": self.n_y}
         require([due.get(name) == size for name, size in source.ports], "inputs of other sizes")
         require([name for name, _ in source.ports][:2] == ["q", "y"], "inputs in another order")
         require(len(set(source.independent) & set(range(source.sizes[0]))) == len(source.independent), "a place twice")
