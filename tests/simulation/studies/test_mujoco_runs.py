@@ -11,7 +11,7 @@ import ccpin
 from benchmarks import round_trips
 from ccpin.cli import main
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.simulation.studies.mujoco_runs import run_in_mujoco
+from ccpin.simulation import run_in_mujoco
 from tests.support.places import MODELS, SHARED
 
 pytest.importorskip("mujoco")

@@ -76,6 +76,10 @@ def run_in_mujoco(
     """
     reduced = model if isinstance(model, ReducedModel) else ReducedModel(mechanism_of(model))
     mechanism, until = reduced.mechanism, positive(duration, "duration")
+    if not isinstance(file, str | Path):
+        raise InvalidInputError(f"file must be a path, not {type(file).__name__}")
+    if not math.isfinite(until):
+        raise InvalidInputError("duration must be finite")
     held = _gentle(reduced) if u is None else np.array(vector(u, "u", reduced.n_actuated))
     engine = _compiled(Path(file))
     every = max(1, math.ceil(SAMPLE / engine.opt.timestep - 1e-9))
@@ -125,7 +129,7 @@ def _beside(mechanism: Mechanism, engine: Any, ours: Trajectory, u: Array, every
     data.ctrl[:] = _inputs(mechanism, engine, u)
     chosen = {mechanism.tree.split(name)[0] for name in mechanism.independent}
     compared = [each for each in mechanism.tree.joints if not mechanism.locked or each.name in chosen]
-    joints = [_Joint.of(engine, joint) for joint in compared]
+    joints = [_Compared.of(engine, joint) for joint in compared]
     unstable = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
     worst = np.zeros(3)
     for k, q_free in enumerate(ours.q_free):
@@ -154,7 +158,7 @@ def _inputs(mechanism: Mechanism, engine: Any, u: Array) -> Array:
     return np.array([driven[name] for name in names])
 
 
-class _Joint(NamedTuple):
+class _Compared(NamedTuple):
     """Where a joint's displacement stands here and there."""
 
     joint: TreeJoint
@@ -162,7 +166,7 @@ class _Joint(NamedTuple):
     at: int
 
     @classmethod
-    def of(cls, engine: Any, joint: TreeJoint) -> _Joint:
+    def of(cls, engine: Any, joint: TreeJoint) -> _Compared:
         """A joint of both.
 
         Raises:
