@@ -80,7 +80,7 @@ def assembled(source: ProgramSource) -> Assembled:
     done = lowered(tape.code(asked), np.array(source.samples))
     outputs, m = done.code.outputs, len(y)
     shown, rest = outputs[: len(results)], outputs[len(results) :]
-    rows = tuple(rest[k : k + m] for k in range(0, m * len(iterates), m))
+    rows = tuple(rest[m * k : m * (k + 1)] for k in range(len(iterates)))
     return Assembled(done.code._replace(outputs=shown), done.pivots, rows, rest[m * len(iterates) :])
 
 

@@ -124,7 +124,7 @@ def _energy(scene: TapedModel) -> Table:
 
 def _velocity_force(scene: TapedModel) -> Table:
     """C q̇ + damping q̇."""
-    return scene.recorded.terms.bias - scene.recorded.terms.gravity
+    return scene.recorded.terms.velocity
 
 
 def _damping(scene: TapedModel) -> Table:

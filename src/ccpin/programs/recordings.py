@@ -27,7 +27,7 @@ from ccpin.programs.tape import Tape
 Given = Literal["closed", "near"]
 SAMPLES, _SPREAD, _TRIES = 32, 0.15, 400  # states about the reference at which pivots are chosen
 _BRIEF = 1e-3  # s, of a step
-CONVERGED = 1e-6  # of the last correction of σ, in the units of y: what is left after it is of the order of its square
+CONVERGED = 1e-6  # of σ's last correction δ, in the units of y: δ^{3/2} is left, times twice the root of σ's bend
 
 
 def record(
