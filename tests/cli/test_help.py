@@ -108,6 +108,16 @@ printf '%s\\n' "${{COMPREPLY[@]}}"
     assert set(done.stdout.split()) == found, done.stderr
 
 
+def test_friction_is_of_independent_joints(capsys):
+    """Which joints its numbers are of is in the help."""
+    with pytest.raises(SystemExit):
+        main(["simulate", "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    assert (
+        "--friction-coulomb F [F ...] level, N m or N: one for each independent joint, or one for all of them" in said
+    )
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import stat
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,9 @@ from ccpin import programs
 from ccpin.errors import CcpinError
 from ccpin.programs import compiling
 from ccpin.programs.compiling import DIGEST, LIBRARY, NoCompilerError, compiler
-from ccpin.programs.lanes import CompiledProgram
+from ccpin.programs.instructions import SCALE
+from ccpin.programs.lanes import CompiledProgram, Width, _made_of, source
+from ccpin.programs.program import Port
 
 try:
     FOUND = compiler()[0]
@@ -212,3 +215,29 @@ def test_two_processes_at_once(program, tmp_path):
         jobs = [pool.submit(_together, str(tmp_path / "program.json"), str(tmp_path)) for _ in range(4)]
         assert all(job.result() for job in jobs)
     assert len(kept(Path(tmp_path) / "ccpin" / "programs")) == 1
+
+
+def test_all_that_decides_the_text_decides_the_library(program, tmp_path):
+    """A constant, an order, a check, a format or a width of its own: another library; a loaded program has the same."""
+    first = next(item for item in program.code.instructions if item.kind == SCALE)
+    changed = tuple(
+        item._replace(constant=-item.constant) if item is first else item for item in program.code.instructions
+    )
+    others = [
+        replace(program, code=program.code._replace(instructions=changed)),
+        replace(program, code=program.code._replace(outputs=program.code.outputs[::-1])),
+        replace(program, pivots=tuple(pivot._replace(scale=2.0 * pivot.scale) for pivot in program.pivots)),
+        replace(program, corrections=(program.code.outputs[0],)),
+        replace(program, corrections=(program.code.outputs[0],), tolerance=1.0),
+        replace(program, outputs=(*program.outputs, Port("more", (0,), "", ()))),
+    ]
+    wide, narrow = Width("avx512", (), 64), Width("sse2", (), 32)
+    keys = [_made_of(each, "double", wide) for each in (program, *others)]
+    keys += [_made_of(program, "float", wide), _made_of(program, "double", narrow)]
+    assert len(set(keys)) == len(keys)
+    texts = [source(each, "double", wide) for each in (program, *others)]
+    assert len(set(texts)) == len(texts)
+    program.save(tmp_path / "program.json")
+    again = programs.Program.load(tmp_path / "program.json")
+    assert _made_of(again, "double", wide) == keys[0]
+    assert source(again, "double", wide) == texts[0]

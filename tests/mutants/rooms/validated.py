@@ -70,6 +70,7 @@ _MOVES = (
     "validated/sets/test_move.py::test_bad_arrivals",
 )
 _DEFECT = ("validated/flow/test_sharp_defect.py",)
+_TREES = ("programs/test_recorded_trees.py",)
 _TAPES = "programs/test_tape.py"
 _BRANCHES = tuple(
     f"validated/programs/test_{name}.py" for name in ("sharp_branches_of_lines", "program_claims", "false_programs")
@@ -150,6 +151,8 @@ ROOMS: tuple[Room, ...] = (
         (
             "ProgramEquations.__post_init__",
             "ProgramEquations.n_y",
+            "ProgramEquations.places",
+            "ProgramEquations.arranged",
             "ProgramEquations.sizes",
             "ProgramEquations.program",
             "_require_instructions",
@@ -158,7 +161,11 @@ ROOMS: tuple[Room, ...] = (
             "_distance",
             "_numpy_constants",
         ),
-        ("validated/programs/test_error_sweeps.py", "validated/programs/test_false_programs.py"),
+        (
+            "validated/programs/test_error_sweeps.py",
+            "validated/programs/test_false_programs.py",
+            "validated/programs/test_program_certificates.py",
+        ),
     ),
     Room(
         "validated/programs/branch_claim",
@@ -196,6 +203,7 @@ ROOMS: tuple[Room, ...] = (
             "ProgramComputed._over",
             "ProgramComputed._stepped",
             "ProgramComputed._inputs",
+            "_length",
         ),
         ("validated/programs/test_sharp_program_values.py", *_BRANCHES),
         (
@@ -210,6 +218,7 @@ ROOMS: tuple[Room, ...] = (
             "ProgramCertificate._about",
             "ProgramCertificate._rests",
             "ProgramCertificate.always_trusted",
+            "ProgramCertificate._possible",
             "ProgramCertificate._by_port",
             "ProgramCertificate.guarded",
             "_bits",
@@ -217,6 +226,11 @@ ROOMS: tuple[Room, ...] = (
             "_down",
         ),
         (*_BRANCHES, "validated/programs/test_program_certificates.py", _GUARDED),
+    ),
+    Room(
+        "validated/programs/certificate_documents",
+        ("read_certificate", "_source_of", "_code_of", "_instruction", "_count", "_text", "_number"),
+        ("validated/programs/test_certificate_documents.py",),
     ),
     Room("programs/certified_region", ("CertifiedRegion.ends", "CertifiedRegion.holds", "_is_region"), (_GUARDED,)),
     Room(
@@ -339,29 +353,49 @@ ROOMS: tuple[Room, ...] = (
             "unit_axes",
             "_rotation",
             "poses",
-            "_motion",
+            "relative_motion",
             "_turn",
             "rates",
             "closure_rows",
             "_coupling_row",
-            "_own_ends",
+            "own_ends",
+            "chain_of",
+            "evaluated_rows",
             "_loop_rows",
             "_SNAP",
         ),
         _RECORDED,
-        (
-            ("return self.kind.unit == 4 or", "not asked: self.kind.unit == 2", "several freedoms: a unit length"),
-            ("if joint.parent in found and", "not asked: joint.number != root", "a root's parent is not beyond it"),
-        ),
+        (("return self.kind.unit == 4 or", "not asked: self.kind.unit == 2", "several freedoms: a unit length"),),
     ),
     Room(
         "programs/recording/recorded_forces",
-        ("closure_terms", "dynamic_terms", "with_springs", "_body_rates"),
+        ("closure_terms", "dynamic_terms", "with_springs", "_bodies"),
         _RECORDED,
         (
             ("right[row, entries] = -psi[row, known]", "left out", "zeros: such a row is of other velocities"),
             ("x_rate[list(q.places)] = v", "left out", "the same by what ρ is, only in wider balls"),
         ),
+    ),
+    Room(
+        "programs/recording/recorded_bodies",
+        ("joint_forces", "joint_weights", "joint_masses", "_along", "_turning"),
+        _TREES,
+    ),
+    Room(
+        "programs/recording/recorded_closures",
+        (
+            "RowMotion.__add__",
+            "RowMotion.__radd__",
+            "RowMotion.__mul__",
+            "ClosureRows.slopes",
+            "ClosureRows.changes",
+            "ClosureRows._loops",
+            "_loop_motions",
+            "_moved",
+            "_placed",
+            "_turned",
+        ),
+        _TREES,
     ),
     Room(
         "validated/model/closed_loop",
@@ -376,6 +410,11 @@ ROOMS: tuple[Room, ...] = (
         "programs/recording/recorded_laws",
         ("law_terms", "_goal", "_angle", "_turned", "efforts", "require_sampled"),
         _RECORDED,
+    ),
+    Room(
+        "programs/recording/recorded_laws",
+        ("reference_force", "recorded_law"),
+        ("programs/test_moving_references.py",),
     ),
     Room(
         "programs/recording/recorded_coordinates",
@@ -702,7 +741,13 @@ ROOMS: tuple[Room, ...] = (
 _CHOSEN = "chooses the length of a step, which `attempt` proves"
 EXCUSED: tuple[Excused, ...] = (
     Excused("validated/programs/proposals", (), "proposes cells and tubes: `BranchOverCells` says what is proved"),
+    Excused("validated/programs/program_equations", ("ProgramEquations.apart",), "where the search begins"),
     Excused("validated/programs/certifying", (), "proposes starts and cuts: the claims say what is proved"),
+    Excused(
+        "validated/programs/certificate_documents",
+        ("CERTIFIED_PROGRAM", "_LARGEST", "_MANY", "write_certificate", "_source_text", "_written", "_counts"),
+        "what files look like, and from which sizes on they are refused: what is read is proved again",
+    ),
     Excused(
         "validated/programs/guarding",
         (),
@@ -712,6 +757,7 @@ EXCUSED: tuple[Excused, ...] = (
     Excused(
         "validated/programs/program_certificate",
         (
+            "bounded",
             "bounds_of",
             "ProgramCertificate.verdict",
             "ProgramCertificate.reason",
@@ -722,6 +768,9 @@ EXCUSED: tuple[Excused, ...] = (
             "ProgramCertificate._status",
             "ProgramCertificate.statement",
             "ProgramCertificate.replay",
+            "ProgramCertificate.save",
+            "ProgramCertificate.load",
+            "ProgramCertificate.is_about",
             "ProgramCertificate.bits",
             "ProgramCertificate.ranges",
             "_numbers",
