@@ -26,9 +26,6 @@ from benchmarks.peers import NotForThisError
 from benchmarks.peers.mjcf import ITERATIONS, mujoco_model
 from ccpin import programs
 from ccpin.errors import CcpinError
-from ccpin.programs.lanes import fastest
-from ccpin.programs.numbers import NumbersOfRows
-from ccpin.programs.recording.recorded_mechanism import numbering
 
 MODELS = ("rpdr", "delta", "stewart")
 ROWS, STEPS, STEP, JUDGED = 4096, 100, 1e-3, 64
@@ -63,9 +60,10 @@ def swinging(name: str, rows: int) -> Swinging:
 
 def lanes(held: Swinging, threads: int, h: float = STEP) -> Run:
     """The step program."""
-    own = numbering(held.model, held.model.mechanism.q_reference)
-    numbers = NumbersOfRows(held.model, own)
-    step, (q0, y0, _) = fastest(programs.record(held.model, "step")), numbers.start(held.q_free)
+    tree, program = held.model.mechanism.tree, programs.record(held.model, "step")
+    q_places, y_places = ([tree.joint(name).q.start for name in port.entries] for port in program.inputs[:2])
+    q0, y0 = held.q_free[:, q_places], held.q_free[:, y_places]
+    step = programs.compiled(program)
     u, length = np.zeros(held.model.n_actuated), np.array([h])
 
     def run(steps: int) -> np.ndarray:
@@ -74,7 +72,9 @@ def lanes(held: Swinging, threads: int, h: float = STEP) -> Run:
             q, y, v, status = step(q, y, v, u, length, threads=threads)
             if status.any():
                 raise CcpinError(f"{np.count_nonzero(status)} states are refused")
-        return numbers.q_free(q, y)
+        q_free = np.empty_like(held.q_free)
+        q_free[:, q_places], q_free[:, y_places] = q, y
+        return q_free
 
     return run
 

@@ -324,7 +324,10 @@ def _simulation(b):
     supervised = {"model": b.model, "q0": b.q, "goals": [b.q], "wait": 0.003, "settling": near, "timeout": 0.01}
     supervised |= {"law_to": lambda goal, q_free: control.PDSimpleGravity(b.model, goal, 50, 5, q_free), "near": None}
     metrics = {"trajectory": b.run, "mechanism": b.whole, "goal": b.q, "band": 0.03}
+    b.whole.save(b.folder / "twin.xml")
+    twin = {"model": b.whole, "file": b.folder / "twin.xml", "u": b.rest, "duration": 0.01}
     return {
+        "run_in_mujoco": (simulation.run_in_mujoco, twin),
         "closure_forces": (simulation.closure_forces, forces),
         "joint_forces": (simulation.joint_forces, forces),
         "closure_forces_at": (closure_forces_at, at),

@@ -1,6 +1,7 @@
 """`ccpin transmission`: the table's numbers are the package's, and a picture is written."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -27,6 +28,23 @@ def test_it_tells_what_the_closed_form_says(capsys, tmp_path):
         polygon = transmission_of("ankle").at(q).torque_polytope()
         alone = polygon.bounds[1]
         assert (alone <= np.array(told["effort"]["alone"]["most"]) * 1.01).all()
+
+
+def test_a_page_has_the_polygons_of_its_postures(capsys, tmp_path):
+    """Corners as the closed form's J maps those of the motors' box; nothing is loaded from elsewhere."""
+    out = tmp_path / "ankle.html"
+    assert main(["transmission", ANKLE, "--effort", "10", "20", "--out", str(out)]) == 0
+    assert capsys.readouterr().out.endswith(f"wrote {out}\n")
+    page = out.read_text(encoding="utf-8")
+    told = json.loads(re.search(r'<script type="application/json" id="postures">(.*?)</script>', page)[1])
+    assert told["joints"] == ["pitch", "roll"]
+    assert len(told["postures"]) > 50
+    for one in told["postures"]:
+        corners = np.array([[-10, -20], [-10, 20], [10, 20], [10, -20]]) @ FORMS["ankle"].jacobian(one["q"])
+        np.testing.assert_allclose(one["corners"], corners, rtol=0, atol=1e-8)
+    assert re.findall(r"https?://(?!www\.w3\.org)", page) == []
+    assert main(["transmission", "four_bar", "--out", str(tmp_path / "one.html")]) == 0
+    assert 'id="postures"' not in (tmp_path / "one.html").read_text(encoding="utf-8")
 
 
 def test_in_words(capsys):

@@ -4,7 +4,7 @@ import multiprocessing
 import os
 import stat
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ import ccpin
 from ccpin import programs
 from ccpin.errors import CcpinError
 from ccpin.programs import compiling
+from ccpin.programs.certified_region import CertifiedRegion
 from ccpin.programs.compiling import DIGEST, LIBRARY, NoCompilerError, compiler
 from ccpin.programs.instructions import SCALE
 from ccpin.programs.lanes import CompiledProgram, Width, _made_of, source
@@ -219,6 +220,7 @@ def test_two_processes_at_once(program, tmp_path):
 
 def test_all_that_decides_the_text_decides_the_library(program, tmp_path):
     """A constant, an order, a check, a format or a width of its own: another library; a loaded program has the same."""
+    n = program.code.inputs
     first = next(item for item in program.code.instructions if item.kind == SCALE)
     changed = tuple(
         item._replace(constant=-item.constant) if item is first else item for item in program.code.instructions
@@ -230,7 +232,11 @@ def test_all_that_decides_the_text_decides_the_library(program, tmp_path):
         replace(program, corrections=(program.code.outputs[0],)),
         replace(program, corrections=(program.code.outputs[0],), tolerance=1.0),
         replace(program, outputs=(*program.outputs, Port("more", (0,), "", ()))),
+        replace(program, region=CertifiedRegion((-1.0,) * n, (1.0,) * n, ("double", "float"), "")),
+        replace(program, region=CertifiedRegion((-1.0,) * n, (1.5,) * n, ("double", "float"), "")),
     ]
+    deciding = {"inputs", "outputs", "code", "pivots", "corrections", "tolerance", "region"}
+    assert {field.name for field in fields(program)} == deciding | {"name", "example", "around", "notes", "source"}
     wide, narrow = Width("avx512", (), 64), Width("sse2", (), 32)
     keys = [_made_of(each, "double", wide) for each in (program, *others)]
     keys += [_made_of(program, "float", wide), _made_of(program, "double", narrow)]

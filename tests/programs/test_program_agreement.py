@@ -3,8 +3,9 @@
 import pytest
 
 import ccpin
-from benchmarks import program_agreement as agreement
+from benchmarks.program_agreement import main
 from ccpin.programs.compiling import NoCompilerError, compiler
+from tests.support import lanes_and_core as agreement
 
 try:
     compiler()
@@ -41,7 +42,7 @@ def test_lanes_and_core_agree(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", agreement.MODELS)
+@pytest.mark.parametrize("name", agreement.NAMED)
 def test_lanes_and_core_agree_everywhere(name):
     """The project's models and the ankle."""
     agree(ccpin.ReducedModel(ccpin.load(name)), agreement.STATES)
@@ -66,7 +67,7 @@ def test_slopes_agree():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", agreement.MODELS)
+@pytest.mark.parametrize("name", agreement.NAMED)
 def test_slopes_agree_from_all_sides(name):
     """And those of the libraries that are installed."""
     model = ccpin.ReducedModel(ccpin.load(name))
@@ -85,3 +86,10 @@ def test_a_difference_is_seen(monkeypatch):
     differences, _ = agreement.compared(model, held)
     assert [each.name for each in differences if each.over > WANTED] == ["coriolis"]
     assert agreement.slopes(model, held, {})["core"] > WANTED
+
+
+def test_the_command_prints_them(capsys):
+    """A line a quantity, and slopes where asked."""
+    main(["four_bar", "--states", "50"])
+    told = capsys.readouterr().out
+    assert all(name in told for name in ("four_bar: 50 states", "forward_dynamics", "from exact"))

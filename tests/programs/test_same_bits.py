@@ -77,7 +77,7 @@ int main(void)
     if (fread(in, sizeof(S) * {reads}, (size_t)n, stdin) != (size_t)n) return 1;
     void *const tables[] = {{{tables}}};
     const long steps[] = {{{steps}}};
-    many(n, tables, steps, status);
+    many(0, n, tables, steps, status);
     fwrite(out, sizeof(S) * {gives}, (size_t)n, stdout);
     fwrite(status, sizeof(int), (size_t)n, stdout);
     return 0;

@@ -186,6 +186,7 @@ ALLOWED = {
     "cusps": "curves are where a search begins; each cusp is proved of the mechanism",
     "plot_singularities": "curves are arrays of numbers, drawn as they are",
     "Atlas.is_about": "asks just that",
+    "ProgramCertificate.is_about": "asks just that",
     "SheetAtlas.is_about": "asks just that",
     "SingularCover.is_about": "asks just that",
     "Mechanism": "made by load only",

@@ -17,7 +17,7 @@ from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.errors import InvalidInputError
 from ccpin.transmission.shortcuts import SHORTCUTS, compare
-from ccpin.transmission.survey import Survey, survey
+from ccpin.transmission.surveys import Survey, survey
 from ccpin.transmission.swing import Swing
 from ccpin.transmission.transmission import Transmission
 
@@ -39,7 +39,7 @@ def add_transmission(commands: Any) -> None:
     parser.add_argument("--rotor", nargs="+", type=positive, metavar="KGM2", help=f"rotor inertia {behind}")
     swing = "frequencies of swings over a third of the range along which shortcuts are compared"
     parser.add_argument("--shortcuts", nargs="+", type=positive, metavar="HZ", help=swing)
-    written = "draw limits of effort and speed as a picture (.png, .pdf, .svg), of one joint or two"
+    written = "draw limits of effort and speed as a picture (.png, .pdf, .svg), or write a page with sliders (.html)"
     complete(parser.add_argument("--out", type=Path, metavar="FILE", help=written), shtab.FILE)
 
 
@@ -57,13 +57,24 @@ def _transmission(options: argparse.Namespace) -> int:
             facts["shortcuts"] = list(_compared(found, options.shortcuts))
     if options.out is not None:
         with busy(options.json, "drawing"):
-            from ccpin import plotting
-            from ccpin.transmission.pictures import plot_limits
-
-            plotting.save(plot_limits(transmission, effort=effort, speed=speed), options.out)
+            _draw(found, options.out, list(_in_words(facts)), effort, speed)
         facts["written"] = str(options.out)
     print(json.dumps(facts, indent=2) if options.json else "\n".join(_in_words(facts)))
     return 0
+
+
+def _draw(found: Survey, out: Path, words: Sequence[str], effort: Array | None, speed: Array | None) -> None:
+    """A page or a picture, by the file's ending."""
+    from ccpin import plotting
+    from ccpin.files import writable_target, write_atomically
+    from ccpin.transmission.limits_page import transmission_page
+    from ccpin.transmission.pictures import plot_limits
+
+    if out.suffix != ".html":
+        plotting.save(plot_limits(found.transmission, effort=effort, speed=speed), out)
+        return
+    page = transmission_page(found, words, effort=effort, speed=speed)
+    write_atomically(writable_target(out), "w", lambda file: file.write(page))
 
 
 def _each(given: Sequence[float] | None) -> Array | None:

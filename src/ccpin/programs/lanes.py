@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ccpin.arrays import choice
 from ccpin.errors import InvalidInputError
-from ccpin.programs import c_code, evaluation, folding, sine_cosine
+from ccpin.programs import c_code, certified_region, evaluation, folding, sine_cosine
 from ccpin.programs.c_code import kernel_of, lane_macros
 from ccpin.programs.compiling import NoCompilerError, loaded
 from ccpin.programs.program import Program, windows
@@ -191,15 +191,16 @@ def _made_of(program: Program, format: Format, vectors: Width) -> str:
     ]
     sizes = [[port.size for port in ports] for ports in (program.inputs, program.outputs)]
     checks = [(pivot.number, pivot.scale) for pivot in program.pivots], program.corrections, program.tolerance
-    whole = (code.inputs, lines, code.outputs, sizes, checks, format, vectors.bytes, _writers())
+    region = program.region and [list(map(float, end)) for end in program.region[:2]] + [list(program.region.formats)]
+    whole = (code.inputs, lines, code.outputs, sizes, checks, region, format, vectors.bytes, _writers())
     return sha256(marshal.dumps(whole, 2)).hexdigest()  # version 2: of the values alone, not of which are one object
 
 
 @cache
 def _writers() -> bytes:
     """The text of the modules that write C."""
-    written = (c_code.__file__, evaluation.__file__, folding.__file__, sine_cosine.__file__, __file__)
-    return b"".join(Path(file).read_bytes() for file in written)
+    written = c_code.__file__, certified_region.__file__, evaluation.__file__, folding.__file__, sine_cosine.__file__
+    return b"".join(Path(file).read_bytes() for file in (__file__, *written))
 
 
 def source(program: Program, format: Format, vectors: Width) -> str:

@@ -81,7 +81,7 @@ def taped_model(
 ) -> TapedModel:
     """A fresh tape with a model on it; of a law whose reference is `moving` that is an input."""
     sizes = {"x": len(own.near), "v": model.n, "u": model.n_actuated, "a": model.n, "p": len(parameters)}
-    sizes |= {"h": 0, **dict.fromkeys(REFERENCE, model.n)} if moving else {}
+    sizes |= {"h": 0, **dict.fromkeys(REFERENCE, model.n)} if moving else {}  # in the order of `INPUTS`
     tape = Tape(sum(sizes.values()))
     ends = np.cumsum(list(sizes.values()))[:-1]
     inputs = dict(zip(sizes, np.split(np.array(tape.inputs, dtype=object), ends), strict=True))

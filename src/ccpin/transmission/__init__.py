@@ -3,7 +3,7 @@
 from ccpin.transmission.effort_box import certify_effort_box
 from ccpin.transmission.pictures import plot_limits, plot_shortcuts
 from ccpin.transmission.shortcuts import compare, motor_loads
-from ccpin.transmission.survey import survey
+from ccpin.transmission.surveys import survey
 from ccpin.transmission.swing import Swing
 from ccpin.transmission.transmission import Transmission
 

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, instance, vector, whole
+from ccpin.arrays import Array, Indices, instance, vector, whole
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.programs.program_sources import slopes_of
 from ccpin.programs.recording.recorded_mechanism import numbering
@@ -76,7 +76,13 @@ class EffortBoxCertificate(Judged):
             return False
         claim, branch = fact.claim, fact.premises[0].claim
         told = ((claim.box, self.box), (claim.room, self.room), (branch.lower, self.lower), (branch.upper, self.upper))
-        return all(np.array_equal(a, b) for a, b in told)
+        if not all(np.array_equal(a, b) for a, b in told):
+            return False
+        try:
+            equations, motors = _equations_of(self.transmission, self.transmission.at(0.5 * (self.lower + self.upper)))
+        except CcpinError:
+            return False
+        return equations.digest == fact.digest and np.array_equal(claim.motors, motors)
 
 
 def certify_effort_box(
@@ -150,20 +156,24 @@ def _positive(value: ArrayLike, name: str, n: int) -> Array:
     return found
 
 
+def _equations_of(transmission: Transmission, middle: Posture) -> tuple[ProgramEquations, Indices]:
+    """The mechanism's closures in the joints' coordinates, about a posture, and the motors' places in their numbers."""
+    model = transmission.joint_model
+    program = record(model, "rho", near=middle.state)
+    assert program.source is not None
+    held, tree = numbering(model, middle.state.q_free), model.mechanism.tree
+    places = {tree.joints[joint.number - 1].name: joint.x.start for joint in held.joints}
+    motors = np.array([places[name] for name in transmission.motors], dtype=np.intp)
+    return ProgramEquations(program.source), motors
+
+
 class _BoxSearch:
     """Finer and finer cuts of a region, with matrices to precondition M by."""
 
     def __init__(self, transmission: Transmission, middle: Posture, lower: Array, upper: Array, room: Array) -> None:
         self._transmission, self._middle = transmission, middle
         self._lower, self._upper, self._room = lower, upper, room
-        model = transmission.joint_model
-        program = record(model, "rho", near=middle.state)
-        assert program.source is not None
-        self._equations = ProgramEquations(program.source)
-        joints = {
-            model.mechanism.tree.joints[j.number - 1].name: j.x for j in numbering(model, middle.state.q_free).joints
-        }
-        self._motors = np.array([joints[name].start for name in transmission.motors], dtype=np.int64)
+        self._equations, self._motors = _equations_of(transmission, middle)
 
     def cut(self, count: int, wanted: Array, fixed: bool) -> tuple[Fact | None, str]:
         """The fact with so many cells along each axis, of the box wanted or as large a multiple as bounds allow."""

@@ -48,8 +48,6 @@ class EffortBoxHeld(ProvableClaim):
         cells = cells_of(branch.claim.lower, branch.claim.upper, branch.claim.counts)
         places = (*source.independent, *source.dependent)
         require(self.preconditioner.shape[:2] == (len(cells.centre), len(places)), "a matrix of x for each cell")
-        motors = self.motors.tolist()
-        require(len(set(motors) & set(places)) == len(motors), "motors that are no numbers of x, each once")
         by_q = runnable(slopes_of(source.closure, source.independent))
         parts = [slice(k, k + CELLS) for k in range(0, len(cells.centre), CELLS)]
         used = np.concatenate([self._used(branch, cells, part, by_q) for part in parts])
@@ -68,7 +66,7 @@ class EffortBoxHeld(ProvableClaim):
         given = np.abs(P[:, :, :n]) * self.box * _OUT + _LEAST
         with np.errstate(all="ignore"):
             bound = _above(given, off)
-        require(np.isfinite(bound) & (bound > 0.0), "a bound that is none")
+        require(bound > 0.0, "a bound that is none")
         require((given + off @ bound) * _OUT < bound, "a cell whose matrix is not proved regular")
         return np.asarray(bound[:, :n].sum(axis=2) * _OUT)
 

@@ -13,7 +13,7 @@ from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.plotting.style import COLOURS, Figure, drawing
 from ccpin.transmission.polytopes import Polytope
 from ccpin.transmission.shortcuts import Comparison
-from ccpin.transmission.survey import Survey, survey
+from ccpin.transmission.surveys import Survey, survey
 from ccpin.transmission.transmission import Transmission
 
 _UNITS = {"rad": ("N m", "rad/s"), "m": ("N", "m/s")}

@@ -8,7 +8,11 @@ ROOMS = (
     Room(
         "transmission/effort_box_claim",
         ("EffortBoxHeld.examined", "EffortBoxHeld._used", "balance"),
-        ("transmission/test_effort_box.py",),
+        ("transmission/test_effort_box_claim.py", "transmission/test_effort_box.py"),
+        (
+            ("_LEAST", "without _LEAST", "only what underflows could be below it"),
+            ("bound > 0.0", "0 let in", "what is given is above 0, so that a bound of 0 is not above it"),
+        ),
     ),
 )
 

@@ -163,8 +163,8 @@ ROOMS: tuple[Room, ...] = (
         ),
         (
             "validated/programs/test_error_sweeps.py",
+            "validated/programs/test_sharp_certificates.py",
             "validated/programs/test_false_programs.py",
-            "validated/programs/test_program_certificates.py",
         ),
     ),
     Room(
@@ -225,12 +225,13 @@ ROOMS: tuple[Room, ...] = (
             "_up",
             "_down",
         ),
-        (*_BRANCHES, "validated/programs/test_program_certificates.py", _GUARDED),
+        ("validated/programs/test_sharp_certificates.py", _GUARDED),
     ),
     Room(
         "validated/programs/certificate_documents",
         ("read_certificate", "_source_of", "_code_of", "_instruction", "_count", "_text", "_number"),
         ("validated/programs/test_certificate_documents.py",),
+        (("> _MANY", "left × 2", "how many steps are too many for a file"),),
     ),
     Room("programs/certified_region", ("CertifiedRegion.ends", "CertifiedRegion.holds", "_is_region"), (_GUARDED,)),
     Room(
@@ -364,13 +365,13 @@ ROOMS: tuple[Room, ...] = (
             "_loop_rows",
             "_SNAP",
         ),
-        _RECORDED,
+        (*_TREES, *_RECORDED),
         (("return self.kind.unit == 4 or", "not asked: self.kind.unit == 2", "several freedoms: a unit length"),),
     ),
     Room(
         "programs/recording/recorded_forces",
         ("closure_terms", "dynamic_terms", "with_springs", "_bodies"),
-        _RECORDED,
+        (*_TREES, *_RECORDED),
         (
             ("right[row, entries] = -psi[row, known]", "left out", "zeros: such a row is of other velocities"),
             ("x_rate[list(q.places)] = v", "left out", "the same by what ρ is, only in wider balls"),

@@ -189,6 +189,11 @@ def more(code):
     return code._replace(instructions=(*code.instructions, last), size=code.size + 1)
 
 
+def _halved(code):
+    """The first instruction, whose target is a double."""
+    return code.instructions[0]._replace(target=float(code.instructions[0].target))
+
+
 FALSE_SOURCES = {
     "a place beyond x": lambda s: s._replace(independent=(3,)),
     "a place twice": lambda s: s._replace(independent=(0, 0)),
@@ -205,6 +210,21 @@ FALSE_SOURCES = {
     ),
     "ports exchanged": lambda s: s._replace(ports=(s.ports[1], s.ports[0], *s.ports[2:])),
     "a port of another size": lambda s: s._replace(ports=(*s.ports[:2], ("v", 2), *s.ports[3:])),
+    "a port twice": lambda s: s._replace(ports=(*s.ports, s.ports[-1])),
+    "a list of outputs": lambda s: s._replace(closure=s.closure._replace(outputs=list(s.closure.outputs))),
+    "constants that are no inputs": lambda s: s._replace(sizes=(*s.sizes[:4], 1)),
+    "corrections beside Newton's": lambda s: s._replace(checked=2),
+    "corrections of no number": lambda s: s._replace(checked=2.0, steps=0),
+    "corrections of some": lambda s: s._replace(checked=1, steps=0),
+    "corrections of too few": lambda s: s._replace(
+        checked=2, steps=0, inner=s.inner._replace(outputs=s.inner.outputs[:1])
+    ),
+    "a value beyond the last": lambda s: s._replace(
+        steps=0, closure=s.closure._replace(size=max(item.target for item in s.closure.instructions))
+    ),
+    "a target of no number": lambda s: s._replace(
+        closure=s.closure._replace(instructions=(_halved(s.closure), *s.closure.instructions[1:]))
+    ),
     "steps of no number": lambda s: s._replace(steps=1.0),
     "fewer steps than none": lambda s: s._replace(steps=-1),
 }

@@ -16,7 +16,7 @@ from ccpin.description.mjcf.defaults import MAIN, Defaults
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.joints import NameGiver, WorldBody, displacement
 from ccpin.description.mjcf.schema import SOFT, WORLD
-from ccpin.description.mjcf.tendons import Rod, Tendons, tendon_coupling
+from ccpin.description.mjcf.tendons import StraightTendon, Tendons, tendon_coupling
 from ccpin.description.model import Coupling, CouplingTerm, LoopClosure, frame
 
 _KINDS: dict[str, str] = {"connect": "spherical", "weld": "fixed"}
@@ -87,7 +87,7 @@ def _constraint(said: Element, name: str, tree: WorldBody, tendons: Tendons) -> 
         return _coupling(said, name, tree)
     if said.xml.tag == "tendon":
         rod = tendons.get(said.required("tendon1"))
-        if isinstance(rod, Rod) and not said.text("tendon2"):
+        if isinstance(rod, StraightTendon) and not said.text("tendon2"):
             return _distance(name, rod, _polynomial(said)[0], tree)
         return tendon_coupling(said, name, _polynomial(said), tendons, tree)
     return _closure(said, name, tree)
@@ -112,7 +112,7 @@ def _closure(said: Element, name: str, tree: WorldBody) -> LoopClosure:
     return LoopClosure(name, kind, first[0], second[0], first[1], second[1])
 
 
-def _distance(name: str, rod: Rod, longer: float, tree: WorldBody) -> LoopClosure | str:
+def _distance(name: str, rod: StraightTendon, longer: float, tree: WorldBody) -> LoopClosure | str:
     """Two sites as far apart as at qpos0, and `longer`."""
     (link_a, a), (link_b, b) = ((tree.sites[site].body, tree.sites[site].placement) for site in rod)
     length = float(np.linalg.norm((tree.pose_between(link_a, link_b) @ b - a)[:3, 3])) + longer

@@ -12,14 +12,14 @@ from ccpin.description.mjcf.joints import WorldBody, displacement
 from ccpin.description.model import Coupling, CouplingTerm
 
 
-class Rod(NamedTuple):
+class StraightTendon(NamedTuple):
     """A spatial tendon straight from one site to another."""
 
     first: str
     second: str
 
 
-Tendons = dict[str, Mapping[str, float] | Rod | None]
+Tendons = dict[str, Mapping[str, float] | StraightTendon | None]
 """The coefficients of each fixed tendon by joint, the ends of a straight one; ``None`` for any other spatial tendon."""
 
 _PHYSICS = ("stiffness", "damping", "frictionloss", "armature", "range", "actuatorfrcrange")
@@ -45,7 +45,7 @@ def read_tendons(sections: Iterable[XmlElement], tree: WorldBody) -> Tendons:
     return tendons
 
 
-def _rod(said: Element, tree: WorldBody) -> Rod | None:
+def _rod(said: Element, tree: WorldBody) -> StraightTendon | None:
     """The ends of a tendon of two sites and nothing else.
 
     Raises:
@@ -58,7 +58,7 @@ def _rod(said: Element, tree: WorldBody) -> Rod | None:
     for part, site in zip(parts, ends, strict=True):
         if site not in tree.sites:
             raise part.fail(f"there is no site '{site}'; there are: {', '.join(tree.sites) or 'none'}")
-    return Rod(*ends)
+    return StraightTendon(*ends)
 
 
 def _coefficients(said: Element, tree: WorldBody) -> dict[str, float]:

@@ -42,7 +42,9 @@ def write_mjcf(description: MechanismDescription, path: str | Path) -> tuple[str
     A massless link between two joints goes into the body after it, as MuJoCo asks; reading it makes it anew. A
     revolute closure, which MJCF has not, becomes two connects on its axis. A coupling is an equality of two joints, or
     of <fixed> tendons where it sums more, a distance one of a <spatial> tendon. What the file told MuJoCo's solver
-    (`SolverWords`) is told again; `tightened` makes it hold loops as tightly as it can. Poses are keyframes, the reference pose the one called "reference". Bodies'
+    (`SolverWords`) is told again; `tightened` makes it hold loops as tightly as it can.
+
+    Poses are keyframes, the reference pose the one called "reference". Bodies'
     visuals are geoms that touch nothing; meshes that are not there, or of another kind than STL, OBJ and MSH, are not
     drawn. Which joints are independent, velocity limits and notes have no place in MJCF.
 
@@ -65,7 +67,7 @@ def write_mjcf(description: MechanismDescription, path: str | Path) -> tuple[str
 
 def _softly_held(description: MechanismDescription) -> tuple[str, ...]:
     """A sentence on the loops that MuJoCo holds by its own numbers, or by the file's."""
-    names = [each.name for each in (*description.closures, *description.couplings)]
+    names = [closure.name for closure in description.closures] + [each.name for each in description.couplings]
     stated = [name for name in names if name in description.solver.equalities]
     if not names or description.solver == tightened(description).solver:
         return ()

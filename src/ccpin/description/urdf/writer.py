@@ -173,8 +173,8 @@ def _place(above: XmlElement, placement: Array) -> None:
 def _origin(placement: Array) -> dict[str, str]:
     """xyz and rpy, whose digits are those of the rotation also where pitch is a right angle.
 
-    Of R = R_z(yaw) R_y(pitch) R_x(roll) the yaw is read off the first column, however short its part in the plane is, and
-    the roll off the middle row of R_z(−yaw) R, which is (0, cos, −sin): whatever the yaw, the three make R.
+    Of R = R_z(yaw) R_y(pitch) R_x(roll) the yaw is read off the first column, however short its part in the plane is,
+    and the roll off the middle row of R_z(−yaw) R, which is (0, cos, −sin): whatever the yaw, the three make R.
     """
     turn = placement[:3, :3]
     yaw = math.atan2(turn[1, 0], turn[0, 0])

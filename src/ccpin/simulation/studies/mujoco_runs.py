@@ -35,7 +35,8 @@ class MujocoRun(NamedTuple):
     """What a run of MuJoCo's came to.
 
     Attributes:
-        gap: The farthest that the ends of a closure (or of a rod) came apart, m.
+        gap: The farthest that the ends of a closure (or of a rod) came apart, m; infinite, like the two below, where
+            MuJoCo became unstable.
         turned: The largest difference of a turning joint's displacement from ours, rad; where spins are locked that are
             free in the file, of an independent one's.
         slid: The same of sliding joints, m.
@@ -50,6 +51,8 @@ class MujocoRun(NamedTuple):
     u: Array
 
     def __str__(self) -> str:
+        if math.isinf(self.gap):
+            return f"MuJoCo becomes unstable after {self.seconds:.3g} s"
         off = [f"{math.degrees(self.turned):.2g}°"] + ([f"{self.slid:.2g} m"] if self.slid else [])
         return f"loops open by {self.gap:.2g} m, joints off by {' and '.join(off)} within {self.seconds:.3g} s"
 
@@ -73,13 +76,23 @@ def run_in_mujoco(
     """
     reduced = model if isinstance(model, ReducedModel) else ReducedModel(mechanism_of(model))
     mechanism, until = reduced.mechanism, positive(duration, "duration")
+    if not isinstance(file, str | Path):
+        raise InvalidInputError(f"file must be a path, not {type(file).__name__}")
+    if not math.isfinite(until):
+        raise InvalidInputError("duration must be finite")
     held = _gentle(reduced) if u is None else np.array(vector(u, "u", reduced.n_actuated))
     engine = _compiled(Path(file))
     every = max(1, math.ceil(SAMPLE / engine.opt.timestep - 1e-9))
     q = reduced.alpha(mechanism.q_reference)
     sample = every * float(engine.opt.timestep)
     ours = simulate(reduced, HeldEffort(held), q, duration=max(until, sample), sample_period=sample)
-    return _beside(mechanism, engine, ours, held, every)
+    import mujoco
+
+    mujoco.set_mju_user_warning(lambda _: None)  # else they go to a file MUJOCO_LOG.TXT in the working folder
+    try:
+        return _beside(mechanism, engine, ours, held, every)
+    finally:
+        mujoco.set_mju_user_warning(None)
 
 
 def _gentle(model: ReducedModel) -> Array:
@@ -116,13 +129,16 @@ def _beside(mechanism: Mechanism, engine: Any, ours: Trajectory, u: Array, every
     data.ctrl[:] = _inputs(mechanism, engine, u)
     chosen = {mechanism.tree.split(name)[0] for name in mechanism.independent}
     compared = [each for each in mechanism.tree.joints if not mechanism.locked or each.name in chosen]
-    joints = [_Joint.of(engine, joint) for joint in compared]
+    joints = [_Compared.of(engine, joint) for joint in compared]
+    unstable = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
     worst = np.zeros(3)
     for k, q_free in enumerate(ours.q_free):
         if k and not math.isclose(ours.t[k] - ours.t[k - 1], every * engine.opt.timestep, rel_tol=1e-6):
             break  # the last sample of a motion that ended early
         for _ in range(every if k else 0):
             mujoco.mj_step(engine, data)
+        if any(data.warning[int(kind)].number for kind in unstable):
+            return MujocoRun(math.inf, math.inf, math.inf, float(ours.t[k - 1]), u)
         probe.qpos[:] = data.qpos
         mujoco.mj_fwdPosition(engine, probe)
         off = [joint.off(data.qpos, q_free) for joint in joints]
@@ -142,7 +158,7 @@ def _inputs(mechanism: Mechanism, engine: Any, u: Array) -> Array:
     return np.array([driven[name] for name in names])
 
 
-class _Joint(NamedTuple):
+class _Compared(NamedTuple):
     """Where a joint's displacement stands here and there."""
 
     joint: TreeJoint
@@ -150,7 +166,7 @@ class _Joint(NamedTuple):
     at: int
 
     @classmethod
-    def of(cls, engine: Any, joint: TreeJoint) -> _Joint:
+    def of(cls, engine: Any, joint: TreeJoint) -> _Compared:
         """A joint of both.
 
         Raises:

@@ -142,7 +142,7 @@ def _source_of(document: Mapping[str, Any]) -> ProgramSource:
 
 def _code_of(document: Any) -> Code:
     size, inputs = _count(document["size"]), _count(document["inputs"])
-    if not inputs <= size <= _LARGEST:
+    if inputs > size:
         raise ValueError(f"a program of {size} values")
     return Code(size, inputs, tuple(map(_instruction, document["instructions"])), _counts(document["outputs"]))
 

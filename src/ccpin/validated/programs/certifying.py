@@ -162,7 +162,7 @@ class _Search:
             )
             if made.always_trusted(self._formats[0]):
                 return made
-            found = made
+            found = found or made
         return found
 
     def _computed(self, name: str, start: Array, premises: Sequence[Fact]) -> Fact:

@@ -83,7 +83,7 @@ class ProgramEquations:
         require(names[:2] == ["q", "y"] and len(set(names)) == len(names), "inputs in another order, or twice")
         require(source.sizes[4] == 0 or "p" in names, "constants that are no inputs")
         last = (0, self.n_y) if source.steps == 0 else (0,)
-        require(source.checked in last and source.checked <= len(source.inner.outputs), "corrections that are none")
+        require(source.checked in last, "corrections that are none")
         require(len(set(source.independent) & set(range(source.sizes[0]))) == len(source.independent), "a place twice")
         require(len(source.closure.outputs) == self.n_y, "as many equations as numbers that depend")
         require(source.closure.inputs == source.inner.inputs == sum(source.sizes), "programs of other inputs")
