@@ -9,6 +9,7 @@ import ccpin
 from ccpin import programs
 from ccpin.programs.instructions import ADD
 from ccpin.programs.program import Program
+from ccpin.programs.program_sources import INPUTS
 from ccpin.proof.facts import NotProvedError, Unproved, prove
 from ccpin.validated import certify_program
 from ccpin.validated.programs import certifying
@@ -194,6 +195,11 @@ def _halved(code):
     return code.instructions[0]._replace(target=float(code.instructions[0].target))
 
 
+def _nothing():
+    """Sizes of what only laws and steps read."""
+    return (0,) * (len(INPUTS) - 4)
+
+
 FALSE_SOURCES = {
     "a place beyond x": lambda s: s._replace(independent=(3,)),
     "a place twice": lambda s: s._replace(independent=(0, 0)),
@@ -203,7 +209,7 @@ FALSE_SOURCES = {
     "equations that are an input": lambda s: s._replace(closure=s.closure._replace(outputs=(s.closure.outputs[0], 3))),
     "sizes of too few": lambda s: s._replace(sizes=s.sizes[:4]),
     "sizes of too many": lambda s: s._replace(sizes=(*s.sizes, 0, 0, 0)),
-    "sizes of one more than there are": lambda s: s._replace(sizes=(*s.sizes, 0, 0, 0, 0, 0)),
+    "sizes of one more than there are": lambda s: s._replace(sizes=(*s.sizes, *_nothing(), 0)),
     "a list": lambda s: s._replace(closure=s.closure._replace(instructions=list(s.closure.instructions))),
     "a value twice": lambda s: s._replace(
         closure=s.closure._replace(instructions=(*s.closure.instructions, s.closure.instructions[0]))
@@ -238,7 +244,7 @@ def test_false_sources(program, way):
 
 def test_a_reference_may_be_an_input(program):
     """Sizes of what laws read of it stand after the others; here there is nothing to read."""
-    source = program.source._replace(sizes=(*program.source.sizes, 0, 0, 0, 0))
+    source = program.source._replace(sizes=(*program.source.sizes, *_nothing()))
     assert ProgramEquations(source).sizes == ProgramEquations(program.source).sizes
 
 
