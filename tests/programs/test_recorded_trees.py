@@ -15,7 +15,7 @@ from ccpin.programs.recording.recorded_bodies import joint_forces, joint_masses,
 from ccpin.programs.recording.recorded_closures import ClosureRows
 from ccpin.programs.recording.recorded_coordinates import numbers_of
 from ccpin.programs.recording.recorded_forces import _bodies
-from ccpin.programs.recording.recorded_tree import closure_rows, exact, exact_joints, rates
+from ccpin.programs.recording.recorded_tree import closure_rows, exact, exact_joints, own_ends, rates
 from ccpin.programs.tape import Tape
 from tests.support.strategies import Growth
 
@@ -119,3 +119,19 @@ def test_carriages_close_loops():
         np.testing.assert_allclose(made.values(moving.slopes()), at.jacobian, rtol=0, atol=1e-12)
         bias = made.constraints.bias(at, made.v)
         np.testing.assert_allclose(made.values(moving.changes(v, along)), bias, rtol=0, atol=1e-11)
+
+
+def test_ends_may_be_others():
+    """A point held 0.3 m beside its own: three rows of one point change by a vector of that length."""
+    made = Recorded(CHAINS["turns"], "spherical")
+    beside = np.array([0.0, 0.3, 0.0])
+
+    def ends(loop):
+        first, second = own_ends(loop)
+        first[:3, 3] = first[:3, 3] + first[:3, :3] @ exact(beside)
+        return first, second
+
+    x = made.nodes[0]
+    own, other = (closure_rows(made.tape, made.constraints, made.joints, x, None, each)[:3] for each in (None, ends))
+    change = made.values(other) - made.values(own)
+    np.testing.assert_allclose(np.linalg.norm(change), 0.3, rtol=1e-12)
