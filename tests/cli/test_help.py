@@ -40,6 +40,7 @@ def test_a_help_fits_eighty_columns(name, monkeypatch):
         *("new", "info", "check", "modes", "simulate", "merge", "verify", "view", "convert", "export", "doctor"),
         "examples",
         pytest.param("domain", marks=pytest.mark.slow),
+        pytest.param("transmission", marks=pytest.mark.slow),
     ],
 )
 def test_a_command_shows_examples_that_run(name, tmp_path, monkeypatch, capsys):

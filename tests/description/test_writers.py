@@ -344,7 +344,6 @@ def test_what_has_no_place_is_told(tmp_path):
     )
     told = {suffix: "\n".join(write_description(full, tmp_path / f"robot{suffix}")) for suffix in SUFFIXES}
     for words, formats in {
-        "gravity: 0 0 -1.6": {".urdf", ".yaml"},
         "the reference pose (load(reference=…) states it again): crank": {".sdf"},
         "further poses: park": {".sdf"},
         "motors (load(actuated=…, motors=…) states them again): crank": {".sdf"},

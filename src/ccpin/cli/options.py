@@ -160,6 +160,18 @@ def vector(options: argparse.Namespace, name: str, mechanism: Mechanism, scalar:
     return np.asarray(np.radians(degrees), dtype=np.float64)
 
 
+def region(options: argparse.Namespace, mechanism: Mechanism) -> tuple[Array, Array] | None:
+    """The corners of a region of q, of --lower and --upper; ``None`` where there is none.
+
+    Raises:
+        InvalidInputError: There is one alone.
+    """
+    lower, upper = (vector(options, name, mechanism, scalar=True) for name in ("lower", "upper"))
+    if (lower is None) != (upper is None):
+        raise InvalidInputError("a region needs both its corners, --lower and --upper (or --lower-deg and --upper-deg)")
+    return None if lower is None or upper is None else (lower, upper)
+
+
 def _hint_at_degrees(options: argparse.Namespace, name: str, values: list[float], mechanism: Mechanism) -> None:
     """Say that angles beyond a turn look like degrees: a note, as a joint may turn often.
 
