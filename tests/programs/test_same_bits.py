@@ -77,7 +77,7 @@ int main(void)
     if (fread(in, sizeof(S) * {reads}, (size_t)n, stdin) != (size_t)n) return 1;
     void *const tables[] = {{{tables}}};
     const long steps[] = {{{steps}}};
-    many(n, tables, steps, status);
+    many(0, n, tables, steps, status);
     fwrite(out, sizeof(S) * {gives}, (size_t)n, stdout);
     fwrite(status, sizeof(int), (size_t)n, stdout);
     return 0;
@@ -117,7 +117,7 @@ def test_what_is_no_angle_has_one_status(tmp_path, monkeypatch):
     compiler()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     model = ccpin.ReducedModel(ccpin.load("slider_crank"))
-    program = programs.record(model, ["sigma", "forward_dynamics"], given="near")
+    program = programs.record(model, ["sigma", "v_free"], given="near", steps=1)
     wrong = (np.nan, np.inf, -np.inf, 1e6, -1e6, 1e5, -1e5, np.nextafter(1e5, 0.0), 1e200)
     example = np.array(program.example)
     rows = np.tile(example, (len(example), len(wrong), 1))

@@ -77,7 +77,7 @@ def region_of(document: Any, count: int) -> CertifiedRegion:
 
 def _is_region(lower: Collection[float], upper: Collection[float], formats: Collection[Any], count: int) -> bool:
     ends: list[Array] = [np.array(tuple(each)) for each in (lower, upper)]
-    told = bool(formats) and all(isinstance(name, str) and name in PRECISIONS for name in formats)
+    told = bool(formats) and all(name in PRECISIONS for name in formats)
     return (
         told
         and all(end.shape == (count,) and np.isfinite(end).all() for end in ends)

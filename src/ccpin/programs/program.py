@@ -126,7 +126,7 @@ class Program:
         example: Inputs at which it was recorded, in the order of the numbers.
         around: Inputs at closed states about it, alike.
         notes: What else whoever calls it has to know, a line each.
-        source: What it was put together of; programs that were loaded, and steps, have none.
+        source: What it was put together of; programs that were loaded have none.
         region: Outside of which its status is 3; none where nothing was proved of it.
     """
 
@@ -243,13 +243,9 @@ class Program:
             CcpinError: The file is none, is damaged, or of a later version.
         """
         try:
-            document = json.loads(Path(path).read_bytes())
-            program = _program_of(document)
+            return program_of_text(Path(path).read_bytes())
         except _NONE as error:
             raise CcpinError(f"{path} is no program of ccpin's: {error}") from None
-        if document.get("digest") != program.digest:
-            raise CcpinError(f"{path} was changed since it was written: its digest is another")
-        return program
 
     def _document(self) -> dict[str, Any]:
         return {
@@ -267,6 +263,19 @@ class Program:
 
 def _digest(document: dict[str, Any]) -> str:
     return sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
+
+
+def program_of_text(text: str | bytes) -> Program:
+    """The program of a JSON text.
+
+    Raises:
+        ValueError, LookupError, TypeError, AttributeError, ArithmeticError: It is none, or was changed.
+    """
+    document = json.loads(text)
+    program = _program_of(document)
+    if document.get("digest") != program.digest:
+        raise ValueError("it was changed since it was written: its digest is another")
+    return program
 
 
 def _program_of(document: Any) -> Program:

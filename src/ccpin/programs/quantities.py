@@ -81,7 +81,7 @@ def taped_model(
 ) -> TapedModel:
     """A fresh tape with a model on it; of a law whose reference is `moving` that is an input."""
     sizes = {"x": len(own.near), "v": model.n, "u": model.n_actuated, "a": model.n, "p": len(parameters)}
-    sizes |= dict.fromkeys(REFERENCE, model.n) if moving else {}
+    sizes |= {"h": 0, **dict.fromkeys(REFERENCE, model.n)} if moving else {}  # in the order of `INPUTS`
     tape = Tape(sum(sizes.values()))
     ends = np.cumsum(list(sizes.values()))[:-1]
     inputs = dict(zip(sizes, np.split(np.array(tape.inputs, dtype=object), ends), strict=True))
@@ -124,7 +124,7 @@ def _energy(scene: TapedModel) -> Table:
 
 def _velocity_force(scene: TapedModel) -> Table:
     """C q̇ + damping q̇."""
-    return scene.recorded.terms.bias - scene.recorded.terms.gravity
+    return scene.recorded.terms.velocity
 
 
 def _damping(scene: TapedModel) -> Table:

@@ -14,8 +14,7 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.programs.instructions import Code
-from ccpin.programs.lowering import lowered
-from ccpin.programs.program import Port, Program, windows
+from ccpin.programs.program import Port, Program
 from ccpin.programs.program_sources import INPUTS, ProgramSource, assembled
 from ccpin.programs.quantities import QUANTITIES, REFERENCE, TapedModel, along, jacobian_of, pose_of, taped_model
 from ccpin.programs.recording.constants import Parameter, parameters_of
@@ -28,7 +27,7 @@ from ccpin.programs.tape import Tape
 Given = Literal["closed", "near"]
 SAMPLES, _SPREAD, _TRIES = 32, 0.15, 400  # states about the reference at which pivots are chosen
 _BRIEF = 1e-3  # s, of a step
-CONVERGED = 1e-6  # of the last correction of σ, in the units of y: what is left after it is of the order of its square
+CONVERGED = 1e-6  # of σ's last correction δ, in the units of y: δ^{3/2} is left, times twice the root of σ's bend
 
 
 def record(
@@ -119,18 +118,23 @@ def _step(scene: TapedModel, about: State, symbols: Sequence[Parameter]) -> Prog
     """One step of the motion (`stepping`)."""
     q, y, *rest = _input_ports(scene, {"v", "u"}, symbols)
     ports = (q, y, *rest, Port("h", (1,), "s", ("h",)))
-    tape = Tape(sum(port.size for port in ports))
-    numbers = np.array(tape.inputs, dtype=object)
-    at = {port.name: numbers[window] for port, window in zip(ports, windows(ports), strict=True)}
-    step = stepped(scene, tape, at)
+    sizes = (*(len(table) for table in scene.inputs.values()), 1)
+    tape = Tape(sum(sizes))
+    parts = np.split(np.array(tape.inputs, dtype=object), np.cumsum(sizes)[:-1])
+    x, v, u, _, p, h = parts
+    places, dependent = list(scene.own.q.places), list(scene.own.dependent)
+    step = stepped(scene, tape, {"q": x[places], "y": x[dependent], "v": v, "u": u, "p": p, "h": h})
     after = tuple(port._replace(name=f"{port.name}_next") for port in (q, y, rest[0]))
     samples = _samples(scene.model, scene.own, about, ports, symbols)
-    results = [*step.q, *step.y, *step.v]
-    done = lowered(tape.code([*results, *step.correction]), samples)
-    shown = done.code._replace(outputs=done.code.outputs[: len(results)])
+    closure = tape.inlined(scene.tape.code(scene.recorded.closure), tape.inputs[:-1])
+    source = ProgramSource(
+        tape.code(closure), tape.code([*step.q, *step.y, *step.v, *step.correction]), scene.own.q.places, sizes,
+        tuple((port.name, port.size) for port in ports), 0, tuple(map(tuple, samples.tolist())), len(step.correction),
+    )  # fmt: skip
+    done = assembled(source)
     return Program(
-        f"{scene.model.mechanism.name}: step", ports, after, shown, done.pivots, done.code.outputs[len(results) :],
-        CONVERGED, *_about(samples),
+        f"{scene.model.mechanism.name}: step", ports, after, done.code, done.pivots, done.corrections, CONVERGED,
+        *_about(samples), (), source,
     )  # fmt: skip
 
 
@@ -172,7 +176,7 @@ def _require_known(
         choice(name, "what", (*QUANTITIES, "step", *ends))
     for name in derivatives:
         choice(name, "derivatives", ("q", "v", "u", "a"))
-    if clash := set(ends) & {*QUANTITIES, *INPUTS, "step", "x", "q", "y", "h", "status"}:
+    if clash := set(ends) & {*QUANTITIES, *INPUTS, "step", "x", "q", "y", "status"}:
         raise InvalidInputError(f"points cannot have the names of quantities: {', '.join(sorted(clash))}")
     for name, end in ends.items():
         instance(end, f"points[{name!r}]", EndEffector)

@@ -13,6 +13,7 @@ import pytest
 import ccpin
 from ccpin import programs
 from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.programs import program as program_module
 from ccpin.programs.bridges.differentiated import evaluated, parts_of
 from ccpin.programs.c_self_test import states
 from ccpin.programs.certified_region import OUTSIDE, CertifiedRegion
@@ -147,6 +148,10 @@ CHANGES = {
     "no end": lambda region: region["upper"].__setitem__(0, "inf"),
     "fewer": lambda region: region["lower"].pop(),
     "reversed": lambda region: region.update(lower=region["upper"], upper=region["lower"]),
+    "fewer of both": lambda region: [region[name].pop() for name in ("lower", "upper")],
+    "one reversed": lambda region: region["lower"].__setitem__(0, (1.2 * float.fromhex(region["upper"][0])).hex()),
+    "a format that is none beside one": lambda region: region.update(formats=["double", "half"]),
+    "a format that is no word": lambda region: region.update(formats=[["double"]]),
     "no format": lambda region: region.update(formats=[]),
     "a format that is none": lambda region: region.update(formats=["half"]),
     "a list for a text": lambda region: region.update(statement=["Proved."]),
@@ -156,8 +161,10 @@ CHANGES = {
 @pytest.mark.parametrize("way", CHANGES)
 def test_a_changed_region_is_refused(certificate, way, tmp_path):
     document = json.loads(certificate.guarded().text)
+    document.pop("digest")
     CHANGES[way](document["region"])
-    (tmp_path / "p.json").write_text(json.dumps(document))
+    digest = "" if way in ("wider", "another statement") else program_module._digest(document)
+    (tmp_path / "p.json").write_text(json.dumps(document | {"digest": digest}))
     with pytest.raises(CcpinError, match=r"p\.json"):
         programs.Program.load(tmp_path / "p.json")
 

@@ -22,7 +22,7 @@ def tube_hull(branch: Fact, start: Array) -> tuple[Array, Array]:
 
 
 def example_rows(branch: Fact, bounds: Array) -> list[tuple[float, ...]]:
-    """Inputs on the branch: the middle cell's middle, then the ends of each axis of q; else at bounds or between."""
+    """Inputs on the branch: the middle cell's middle, then the ends of each axis; else at bounds or between."""
     claim = branch.claim
     cells = cells_of(claim.lower, claim.upper, claim.counts)
     middle = np.ravel_multi_index(tuple(claim.counts // 2), tuple(claim.counts))
@@ -39,5 +39,5 @@ def example_rows(branch: Fact, bounds: Array) -> list[tuple[float, ...]]:
     for number, (at, q) in enumerate(places):
         y = claim.centre[at] + claim.slopes[at] @ (q - cells.centre[at])
         rest = bounds * (rng.choice((-1.0, 1.0), len(bounds)) if number % 2 else rng.uniform(-1.0, 1.0, len(bounds)))
-        rows.append(tuple(np.concatenate([q, y, rest]).tolist()))
+        rows.append(tuple(claim.equations.arranged(q.tolist(), y.tolist(), rest.tolist())))
     return rows
