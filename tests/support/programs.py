@@ -61,7 +61,7 @@ def exact_sigma(source, q, y, steps=12):
         matrix = flint.arb_mat(m, m, [entry.mid() for entry in table])
         step = matrix.solve(flint.arb_mat(m, 1, [entry.mid() for entry in residual]))
         y = [(a - b).mid() for a, b in zip(y, step.entries(), strict=True)]
-        if max(abs(float(b.mid())) for b in step.entries()) < 1e-50:
+        if max((abs(float(b.mid())) for b in step.entries()), default=0.0) < 1e-50:
             break
     return y
 

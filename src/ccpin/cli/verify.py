@@ -19,7 +19,8 @@ example: ccpin domain rpdr --centre-deg -108 -72 --atlas --depth 4 --save rpdr.j
          ccpin verify rpdr.json --model rpdr --sample 50
          ccpin domain rpdr --curves --lower-deg 100 35 --upper-deg 140 75 --save curves.json
          ccpin verify curves.json --sample 4
-         ccpin verify torque.npz --model rpdr"""
+         ccpin export rpdr --what mass --lower-deg -92 -92 --upper-deg -88 -88 --save mass.npz --out firmware
+         ccpin verify mass.npz --model rpdr"""
 PROGRAM = "ccpin-program-1"
 _NOT_CHECKED = "that it is a mechanism's: what is recorded of that has the digest, or has not"
 _BAR = "{l_bar}{bar}| {postfix} [{elapsed}<{remaining}]"

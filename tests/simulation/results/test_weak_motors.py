@@ -13,7 +13,7 @@ import pytest
 
 import ccpin
 from ccpin.cli import main
-from ccpin.control import PDSimpleGravity, certify_set_point
+from ccpin.control import ComputedTorque, PDSimpleGravity, PointToPoint, certify_set_point
 from ccpin.description.model import Motor
 from ccpin.dynamics.drives import too_weak
 from ccpin.dynamics.soundness import examine
@@ -84,6 +84,14 @@ def test_the_remedies_are_remedies(model, law, motion):
         assert not any("hold it still" in note for note in free.notes)
         assert sizing.peak_effort == pytest.approx(np.abs(ways[0][1].u).max(axis=0))
         assert sizing.peak_effort[0] > 2.0 * LIMIT
+
+
+def test_the_goal_of_a_tracking_law_is_its_references_end(model, motion):
+    """Held level at the end, upright or hanging at the start: it is the end that is told of."""
+    end = next(q for q in np.arange(0.3, 3.0, 0.3) if abs(takes(model, [q])) > 1.05 * abs(takes(model, motion.q[0])))
+    law = ComputedTorque(model, PointToPoint(model, motion.q[0], [end], 0.4), 100.0, 20.0)
+    moved = ccpin.simulate(model, law, motion.q[0], duration=DURATION)
+    assert told(repr(moved), "at the goal", takes(model, [end]))
 
 
 def test_motors_at_their_limits_that_hold_it_are_named(motion):

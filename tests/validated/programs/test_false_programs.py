@@ -195,6 +195,11 @@ def _halved(code):
     return code.instructions[0]._replace(target=float(code.instructions[0].target))
 
 
+def _nothing():
+    """Sizes of what only laws and steps read."""
+    return (0,) * (len(INPUTS) - 4)
+
+
 FALSE_SOURCES = {
     "a place beyond x": lambda s: s._replace(independent=(3,)),
     "a place twice": lambda s: s._replace(independent=(0, 0)),
@@ -203,9 +208,8 @@ FALSE_SOURCES = {
     "equations that read more": lambda s: s._replace(closure=more(s.closure)),
     "equations that are an input": lambda s: s._replace(closure=s.closure._replace(outputs=(s.closure.outputs[0], 3))),
     "sizes of too few": lambda s: s._replace(sizes=s.sizes[:4]),
-    "constants that are no inputs": lambda s: s._replace(sizes=(*s.sizes[:3], s.sizes[3] - 1, 1)),
     "sizes of too many": lambda s: s._replace(sizes=(*s.sizes, 0, 0, 0)),
-    "sizes of one more than there are": lambda s: s._replace(sizes=(*s.sizes, *[0] * (2 + len(INPUTS) - len(s.sizes)))),
+    "sizes of one more than there are": lambda s: s._replace(sizes=(*s.sizes, *_nothing(), 0)),
     "a list": lambda s: s._replace(closure=s.closure._replace(instructions=list(s.closure.instructions))),
     "a value twice": lambda s: s._replace(
         closure=s.closure._replace(instructions=(*s.closure.instructions, s.closure.instructions[0]))
@@ -214,6 +218,7 @@ FALSE_SOURCES = {
     "a port of another size": lambda s: s._replace(ports=(*s.ports[:2], ("v", 2), *s.ports[3:])),
     "a port twice": lambda s: s._replace(ports=(*s.ports, s.ports[-1])),
     "a list of outputs": lambda s: s._replace(closure=s.closure._replace(outputs=list(s.closure.outputs))),
+    "constants that are no inputs": lambda s: s._replace(sizes=(*s.sizes[:4], 1)),
     "corrections beside Newton's": lambda s: s._replace(checked=2),
     "corrections of no number": lambda s: s._replace(checked=2.0, steps=0),
     "corrections of some": lambda s: s._replace(checked=1, steps=0),
@@ -239,8 +244,7 @@ def test_false_sources(program, way):
 
 def test_a_reference_may_be_an_input(program):
     """Sizes of what laws read of it stand after the others; here there is nothing to read."""
-    sizes = program.source.sizes
-    source = program.source._replace(sizes=(*sizes, *[0] * (1 + len(INPUTS) - len(sizes))))
+    source = program.source._replace(sizes=(*program.source.sizes, *_nothing()))
     assert ProgramEquations(source).sizes == ProgramEquations(program.source).sizes
 
 

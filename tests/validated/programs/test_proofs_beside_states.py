@@ -12,6 +12,7 @@ from tests.support.beside_states import Region
 pytest.importorskip("flint")
 if missing := quadruple.absent():
     pytest.skip(missing, allow_module_level=True)
+SHARP = {"rpdr": 1e-5, "ankle": 1e-6, "delta": 1e-11}  # seen errors as a share of what is proved, at least
 
 
 def test_a_thousand_states_are_not_beyond_what_is_proved(monkeypatch):
@@ -41,7 +42,7 @@ def judged(found, states, exact):
         assert (seen.beyond, seen.wrong) == (0, 0)
         assert seen.refused == 0 or not certificate.always_trusted(format)
         assert (seen.largest <= seen.proved).all()
-        assert (seen.largest >= 1e-8 * seen.proved).all()
+        assert (seen.largest >= SHARP[model.mechanism.name] * seen.proved).all()
         assert seen.doubt < 1e-12
         if certificate.program.corrections:
             outside = region.outside(states)

@@ -6,10 +6,10 @@ import warnings
 from collections.abc import Iterator
 from contextlib import suppress
 
+import numpy as np
+
 from ccpin.arrays import Array
 from ccpin.control.control_law import ControlLaw, stated, undelayed
-from ccpin.control.laws import SetPointLaw
-from ccpin.control.tracking import TrackingLaw
 from ccpin.dynamics.drives import too_weak
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, SlowRunWarning
@@ -85,10 +85,14 @@ def of_efforts(model: ReducedModel, law: ControlLaw, q_free: Array, u: Array) ->
 
 
 def _goal(model: ReducedModel, law: ControlLaw) -> Array | None:
-    """Where a law leads to, as q′ of shape (nq,), if it is one that says so and σ is there."""
-    if not isinstance(law, SetPointLaw | TrackingLaw):
+    """Where a law leads to by its own word, as q′ of shape (nq,), if it gives it and σ is there."""
+    told = stated(law)
+    if told is None or told.near is None or told.reference is None:
         return None
-    q = law.q_d if isinstance(law, SetPointLaw) else law.reference.at(law.reference.duration).q
+    path, moved = told.reference, np.zeros(model.n)
+    if path.breaks.size:
+        last = path.coefficients[-1]
+        moved = np.vander(np.diff(path.breaks[-2:]), len(last))[0] @ last
     with suppress(CcpinError):
-        return model.at(q, law.near.q_free).q_free
+        return model.at(model.coordinates.integrate(path.start, moved), told.near.q_free).q_free
     return None
