@@ -203,7 +203,7 @@ FALSE_SOURCES = {
     "equations that are an input": lambda s: s._replace(closure=s.closure._replace(outputs=(s.closure.outputs[0], 3))),
     "sizes of too few": lambda s: s._replace(sizes=s.sizes[:4]),
     "sizes of too many": lambda s: s._replace(sizes=(*s.sizes, 0, 0, 0)),
-    "sizes of one more than there are": lambda s: s._replace(sizes=(*s.sizes, 0, 0, 0, 0, 0)),
+    "sizes of one more than there are": lambda s: s._replace(sizes=(*s.sizes, 0, 0, 0, 0, 0, 0)),
     "a list": lambda s: s._replace(closure=s.closure._replace(instructions=list(s.closure.instructions))),
     "a value twice": lambda s: s._replace(
         closure=s.closure._replace(instructions=(*s.closure.instructions, s.closure.instructions[0]))
@@ -238,7 +238,7 @@ def test_false_sources(program, way):
 
 def test_a_reference_may_be_an_input(program):
     """Sizes of what laws read of it stand after the others; here there is nothing to read."""
-    source = program.source._replace(sizes=(*program.source.sizes, 0, 0, 0, 0))
+    source = program.source._replace(sizes=(*program.source.sizes, 0, 0, 0, 0, 0))
     assert ProgramEquations(source).sizes == ProgramEquations(program.source).sizes
 
 
