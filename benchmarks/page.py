@@ -47,6 +47,7 @@ against the closed forms (31)–(40) integrated to 1e-13.""",
     "certificates": "What is proved of σ over a region, in shares that sum to 100 %; CPU time, taken once.",
     "atlas": "Certified maps, squares, balls and paths; CPU time, taken once.",
     "load": "A file read, checked, closed and analysed.",
+    "lanes": "Programs in lanes of vectors, by the system's C compiler, beside one call of the peer.",
     "walks": "What a walk of ccpin's own passes through.",
 }
 WORDS = {True: "met", False: "**missed**"}

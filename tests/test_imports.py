@@ -46,7 +46,7 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
         "mechanism",
         ("assumptions", "joint_limits", "loading", "other_coordinates", "wireframe"),
     ),
-    "validated": ("arithmetic", "loop_equations", "model", "flow", "sets"),
+    "validated": ("arithmetic", "loop_equations", "model", "flow", "sets", "programs"),
     "domain": (
         "closures",
         "documents",

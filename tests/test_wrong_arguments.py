@@ -8,7 +8,18 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin import control, description, domain, dynamics, mechanism, plotting, simulation, validated, visualization
+from ccpin import (
+    control,
+    description,
+    domain,
+    dynamics,
+    mechanism,
+    plotting,
+    programs,
+    simulation,
+    validated,
+    visualization,
+)
 from ccpin.control.control_law import NoTorque
 from ccpin.control.online import capped_sigma
 from ccpin.control.stability.set_point.sampled_region import sample_region
@@ -342,7 +353,15 @@ def _validated(b):
         "enclose": (validated.enclose, run | {"shortest_step": 1e-6, "longest_step": 1.0}),
         "enclose_set": (validated.enclose_set, run | spread | {"longest_slice": 1.0, "period": None}),
         "certify_move": (validated.certify_move, run | spread | {"arrival": 1.0, "spread": 0.0}),
+        "certify_program": (validated.certify_program, _program(b)),
     }
+
+
+def _program(b):
+    program = programs.record(b.model, "rho")
+    q = np.array(program.example[: b.model.n])
+    box = (q - 0.01, q + 0.01)
+    return {"program": program, "region": box, "bounds": {}, "start": 1e-6, "formats": ("double",), "max_cells": 1}
 
 
 def _visualization(b):

@@ -139,13 +139,13 @@ def test_derivatives_that_were_not_recorded_are_told():
 
 
 def test_without_a_compiler_it_is_numpy(monkeypatch):
-    from ccpin.programs.bridges import row_programs
-    from ccpin.programs.lanes import NoCompilerError
+    from ccpin.programs import lanes
+    from ccpin.programs.compiling import NoCompilerError
 
     def none(*arguments):
         raise NoCompilerError("there is none")
 
     _, rows = states_of(model("rpdr"))
     expected = programs.as_function(recorded("rpdr"), "jax")(*rows)["forward_dynamics"]
-    monkeypatch.setattr(row_programs, "CompiledProgram", none)
+    monkeypatch.setattr(lanes, "CompiledProgram", none)
     close(programs.as_function(recorded("rpdr"), "jax")(*rows)["forward_dynamics"], expected)

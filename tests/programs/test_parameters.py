@@ -9,7 +9,7 @@ import ccpin
 from ccpin import programs
 from ccpin.description import Inertia, Joint, Link
 from ccpin.errors import InvalidInputError
-from ccpin.programs.recording.recorded_model import numbering
+from ccpin.programs.recording.recorded_mechanism import numbering
 
 QUANTITIES = ("mass", "gravity", "forward_dynamics", "energy")
 

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from ccpin import programs
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.programs.evaluation import gain
+from tests.support.closed import closed_near
 from tests.support.long_cases import later
 from tests.support.paper import GOAL, K_P, K_V
 from tests.support.recorded import MECHANISMS
@@ -22,35 +24,15 @@ MODELS = later("rpdr", "planar_3rrr", "slider_crank", "four_bar", "sarrus", "del
 def states(model, count=6, seed=0, spread=0.1):
     """Closed states near the reference with velocities, and the numbers q and y of each."""
     rng, found = np.random.default_rng(seed), []
-    while len(found) < count:
-        q = model.coordinates.integrate(
-            model.alpha(model.mechanism.q_reference), spread * rng.uniform(-1.0, 1.0, model.n)
-        )
-        try:
-            state = model.at(q)
-        except CcpinError:
-            continue
-        found.append(
-            (state, programs.configuration(state), rng.normal(size=model.n), rng.normal(size=model.n_actuated))
-        )
+    for state in islice(closed_near(model, rng, spread), count):
+        v, u = rng.normal(size=model.n), rng.normal(size=model.n_actuated)
+        found.append((state, programs.configuration(state), v, u))
     return found
 
 
 def close(found, expected, tolerance=1e-12):
     scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=tolerance * scale)
-
-
-@pytest.fixture(scope="module")
-def loaded():
-    kept = {}
-
-    def model(name):
-        if name not in kept:
-            kept[name] = ccpin.ReducedModel(ccpin.load(name))
-        return kept[name]
-
-    return model
 
 
 @pytest.mark.parametrize("name", MODELS)

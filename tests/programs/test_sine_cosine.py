@@ -9,12 +9,13 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from ccpin.programs.c_code import FLAGS, _trigonometry, scalar_macros
+from ccpin.programs.c_code import _trigonometry, scalar_macros
 from ccpin.programs.sine_cosine import DOUBLE, FLOAT, sine_and_cosine
 
 flint = pytest.importorskip("flint", reason="the error is proved in ball arithmetic (python-flint)")
 from flint import arb, arb_poly, ctx  # noqa: E402  # after the test that it is there
 
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-fast-math")
 BITS = {"double": 53, "float": 24}
 TYPES = {"double": np.float64, "float": np.float32}
 PIECES = 512

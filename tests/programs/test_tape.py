@@ -8,7 +8,7 @@ import pytest
 
 from ccpin.programs.evaluation import values_of
 from ccpin.programs.folding import Arithmetic, folded
-from ccpin.programs.instructions import CONSTANT, RECIPROCAL, ROOT, SCALE, SOLVE
+from ccpin.programs.instructions import CONSTANT, MULTIPLY, RECIPROCAL, ROOT, SCALE, SOLVE
 from ccpin.programs.lowering import lowered
 from ccpin.programs.tape import Node, Tape, is_zero
 
@@ -68,13 +68,13 @@ def computed(tape, outputs, at=AT):
     return [float(values[number]) for number in done.code.outputs]
 
 
-def expected(at=AT):
+def wanted(at=AT):
     return as_numbers(*at, math.sqrt, math.sin, math.cos, math.atan)
 
 
 def test_values():
     tape = Tape(2)
-    np.testing.assert_allclose(computed(tape, everything(tape, *tape.inputs)), expected(), rtol=1e-13)
+    np.testing.assert_allclose(computed(tape, everything(tape, *tape.inputs)), wanted(), rtol=1e-13)
 
 
 def test_copies_on_another_tape():
@@ -84,7 +84,7 @@ def test_copies_on_another_tape():
     tape = Tape(2)
     x, y = tape.inputs
     found = computed(tape, tape.inlined(code, [x * y + 1, y + Fraction(1, 4)]))
-    np.testing.assert_allclose(found, expected((AT[0] * AT[1] + 1, AT[1] + 0.25)), rtol=1e-13)
+    np.testing.assert_allclose(found, wanted((AT[0] * AT[1] + 1, AT[1] + 0.25)), rtol=1e-13)
 
 
 def test_copies_at_constants_are_constants():
@@ -120,6 +120,14 @@ def test_what_does_not_move_has_no_derivative():
     assert not is_zero(tape.derivative([z], {0: 1}, held=False)[0])
 
 
+def test_solutions_of_which_a_part_moves():
+    tape = Tape(2)
+    x, y = tape.inputs
+    z = tape.solve([[x, 0], [0, y]], [[1], [1]])
+    found = computed(tape, tape.derivative(z.ravel().tolist(), {0: 1}, held=False))
+    np.testing.assert_allclose(found, [-1.0 / AT[0] ** 2, 0.0], rtol=1e-14)
+
+
 def test_constants_are_exact_where_they_are_rational():
     tape = Tape(1)
     assert tape.root(Fraction(9, 4)) == Fraction(3, 2)
@@ -128,15 +136,36 @@ def test_constants_are_exact_where_they_are_rational():
     assert isinstance(third, Node)
     assert tape.root(3).index == third.index
     (x,) = tape.inputs
-    code = tape.code([x * third + tape.reciprocal(third), tape.angle(third, 1) * x, third])
+    sine, _ = tape.sincos(x)
+    code = tape.code(
+        [
+            x * third + tape.reciprocal(third),
+            tape.angle(third, 1) * x,
+            third,
+            third * sine,
+            third * 2,
+            tape.sincos(third)[0],
+            tape.gain(tape.root(Fraction(1, 2))),
+        ]
+    )
     assert ROOT in {item.kind for item in code.instructions}
     plain = folded(code, Arithmetic(float, math.sqrt, lambda a: 1 / a, math.atan2))
     kinds = {item.kind for item in plain.instructions}
-    assert not kinds & {ROOT, RECIPROCAL}
+    assert not kinds & {ROOT, RECIPROCAL, MULTIPLY}
     assert {SCALE, CONSTANT} <= kinds
     values = values_of(plain, [2.0], np)
     found = [values[number] for number in plain.outputs]
-    np.testing.assert_allclose(found, [2 * 3**0.5 + 3**-0.5, 2 * math.pi / 3, 3**0.5], rtol=1e-15)
+    root = 3**0.5
+    expected = [
+        2 * root + 1 / root,
+        2 * math.pi / 3,
+        root,
+        root * math.sin(2.0),
+        2 * root,
+        math.sin(root),
+        math.pi / 2**0.5,
+    ]
+    np.testing.assert_allclose(found, expected, rtol=1e-14)
 
 
 @pytest.mark.parametrize("symmetric", [False, True])

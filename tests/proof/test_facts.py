@@ -138,6 +138,10 @@ STATING = {  # rooms with theorems of their own: the modules that state claims, 
     "validated/sets/set_claim.py",
     "validated/sets/arrival_equations.py",
     "validated/sets/arrival_claim.py",
+    "validated/programs/branch_claim.py",
+    "validated/programs/program_equations.py",
+    "validated/programs/rounding_claim.py",
+    "validated/programs/steps_claim.py",
 }
 
 

@@ -1,12 +1,13 @@
 """Programs of models with all derivatives, and closed states by the numbers that programs take."""
 
 from functools import cache
+from itertools import islice
 
 import numpy as np
 
 import ccpin
 from ccpin import programs
-from ccpin.errors import CcpinError
+from tests.support.closed import closed_near
 from tests.support.places import ROOT
 
 CASES = {
@@ -32,14 +33,8 @@ def recorded(name, what=("forward_dynamics",), given="closed"):
 
 def states_of(reduced, count=4, seed=0, spread=0.1):
     """Closed states near the reference, and the inputs q, y, v, u of each, row by row."""
-    rng = np.random.default_rng(seed)
-    middle, found, rows = reduced.alpha(reduced.mechanism.q_reference), [], []
-    while len(found) < count:
-        q = reduced.coordinates.integrate(middle, spread * rng.uniform(-1.0, 1.0, reduced.n))
-        try:
-            state = reduced.at(q)
-        except CcpinError:
-            continue
+    rng, found, rows = np.random.default_rng(seed), [], []
+    for state in islice(closed_near(reduced, rng, spread), count):
         numbers = programs.configuration(state)
         v, u = rng.normal(size=reduced.n), rng.normal(size=reduced.n_actuated)
         found.append(state)

@@ -3,15 +3,15 @@
 import ctypes
 import shutil
 import subprocess
+from itertools import islice
 
 import numpy as np
 import pytest
 
-from ccpin.errors import CcpinError
-from ccpin.programs import export
+from ccpin.programs import configuration, export
 from ccpin.programs.c_export import parameters
-from ccpin.programs.recording.recorded_model import numbering
 from ccpin.programs.sine_cosine import PRECISIONS
+from tests.support.closed import closed_near
 
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-ffp-contract=off")
 
@@ -69,14 +69,5 @@ void many(long n, const {kind.name} *x, {kind.name} *out, int *status)
 
 def closed_states(model, count, seed=0, spread=0.15):
     """Closed states near the reference, with q and y of each side by side, of shape (count, q and y)."""
-    rng, own = np.random.default_rng(seed), numbering(model, model.mechanism.q_reference)
-    places, states, numbers = [*own.q.places, *own.dependent], [], []
-    while len(states) < count:
-        q = model.alpha(model.mechanism.q_reference)
-        try:
-            state = model.at(model.coordinates.integrate(q, spread * rng.uniform(-1.0, 1.0, model.n)))
-        except CcpinError:
-            continue
-        states.append(state)
-        numbers.append(own.numbers(state.q_free)[places])
-    return states, np.array(numbers)
+    states = list(islice(closed_near(model, np.random.default_rng(seed), spread), count))
+    return states, np.array([np.concatenate([*configuration(state).values()]) for state in states])

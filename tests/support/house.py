@@ -37,7 +37,8 @@ PLACES = {
     "covering": Place(-1.0, "cells, runner, proposals", PROOFS),
     "domain": Place(-0.5, "atlas, sheets, curves, paths", PROOFS),
     "control": Place(0.0, "laws, references, stability", MOTION),
-    "validated": Place(-1.3, "enclosures of motions", PROOFS),
+    "programs": Place(-0.85, "recorded once, evaluated anywhere", MODEL),
+    "validated": Place(-1.3, "enclosures of motions and programs", PROOFS),
     "auditing": Place(-2.05, "certificates checked anew", PROOFS),
     "simulation": Place(0.0, "events, plant, integration", MOTION),
     "plotting": Place(0.0, "figures", PEOPLE),
@@ -46,7 +47,7 @@ PLACES = {
     "studio": Place(0.65, "driven by hand", PEOPLE),
     "paper": Place(-1.4, "the paper recomputed", PEOPLE),
     "report": Place(0.0, "a page about a mechanism", PEOPLE),
-    "gym": Place(1.1, "a Gymnasium environment", PEOPLE),
+    "gym": Place(1.1, "Gymnasium environments", PEOPLE),
 }
 
 

@@ -15,7 +15,7 @@ from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import busy
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.programs.exporting import TARGETS, export
-from ccpin.programs.recorder import record
+from ccpin.programs.recordings import record
 from ccpin.programs.sine_cosine import PRECISIONS
 
 _EXAMPLES = """\

@@ -25,13 +25,11 @@ from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.gym.environment import effort_bounds
 from ccpin.mechanism.loading.loader import load
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.programs.compiling import NoCompilerError
-from ccpin.programs.lanes import CompiledProgram
+from ccpin.programs.lanes import CompiledProgram, fastest
 from ccpin.programs.numbers import NumbersOfRows
-from ccpin.programs.program import Program
-from ccpin.programs.recorder import record
 from ccpin.programs.recording.constants import parameters_of
-from ccpin.programs.recording.recorded_model import numbering
+from ccpin.programs.recording.recorded_mechanism import numbering
+from ccpin.programs.recordings import record
 
 LONGEST = 2e-3  # s: of an integrator's step, by default
 _TRIES = 8  # starts drawn for a row before it starts at the reference
@@ -125,8 +123,9 @@ class MechanismVectorEnv(VectorEnv):  # type: ignore[misc]
         self._reward, self._done, self._start, self._goal = reward, done, start, goal
         self._range = _ranges(model, parameters or {})
         names = tuple(parameters or {})
-        self._step, self.backend = _fastest(record(model, "step", parameters=names))
-        self._close = _fastest(record(model, "sigma", given="near", steps=_STEPS, parameters=names))[0]
+        self._step = fastest(record(model, "step", parameters=names))
+        self.backend = "lanes" if isinstance(self._step, CompiledProgram) else "numpy"
+        self._close = fastest(record(model, "sigma", given="near", steps=_STEPS, parameters=names))
         ports = [port.name for port in self._close.program.inputs]
         self._takes = "p" in ports  # where σ depends on the parameters
         low, high = effort_bounds(model, effort)
@@ -234,26 +233,6 @@ class MechanismVectorEnv(VectorEnv):  # type: ignore[misc]
 
     def _observed(self) -> NDArray[np.float32]:
         return np.hstack([self._q, self._v, self._aim]).astype(np.float32)
-
-
-class _InNumPy:
-    """A program with the calls of a compiled one."""
-
-    def __init__(self, program: Program) -> None:
-        self.program = program
-
-    def __call__(self, *inputs: ArrayLike, threads: int = 1) -> tuple[Any, ...]:
-        names = [port.name for port in self.program.inputs]
-        told = self.program(**dict(zip(names, inputs, strict=True)))
-        return *told.values(), np.atleast_1d(told.status)
-
-
-def _fastest(program: Program) -> tuple[CompiledProgram | _InNumPy, str]:
-    """What runs a program here, and what that is called."""
-    try:
-        return CompiledProgram(program), "lanes"
-    except NoCompilerError:
-        return _InNumPy(program), "numpy"
 
 
 def _ranges(model: ReducedModel, parameters: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:

@@ -51,7 +51,7 @@ class _Law(Enum):
         return 2.0 * (left - float(np.sqrt(left * goal))) if self is _Law.FOLD else left - goal
 
 
-class _Sight(NamedTuple):
+class _Prospect(NamedTuple):
     """An end seen ahead: what is left of the way up to it, and where it is."""
 
     law: _Law
@@ -59,7 +59,7 @@ class _Sight(NamedTuple):
     end: float
 
 
-class _Place(NamedTuple):
+class _Stand(NamedTuple):
     """A closed configuration with ψ_q′ factorised and Y."""
 
     q_free: Array
@@ -94,9 +94,9 @@ class DeadEnds:
         if sight is None:
             return None
         self._next = sight.left / 16.0  # where nothing comes of it
-        return self._gone_up_to(_Place(here.q_free, here.factor, here.probe), done, *sight)
+        return self._gone_up_to(_Stand(here.q_free, here.factor, here.probe), done, *sight)
 
-    def _sight(self) -> _Sight | None:
+    def _sight(self) -> _Prospect | None:
         """The end that the last three points lie on a line into, if it is not clearly behind q."""
         if len(self._last) < 3:
             return None
@@ -107,12 +107,12 @@ class DeadEnds:
             before, slope = (np.diff(g) / np.diff(done)).tolist()
             if before < 0.0 and slope < 0.0 and abs(slope / before - 1.0) < bent:
                 bent, left = abs(slope / before - 1.0), -float(g[2]) / slope
-                seen = _Sight(law, left, float(done[2]) + left)
+                seen = _Prospect(law, left, float(done[2]) + left)
         if seen is None or seen.left >= self._next or seen.end > 1.0 + 0.25 * seen.left:
             return None
         return seen if done[2] - done[0] >= 0.25 * seen.left else None
 
-    def _gone_up_to(self, at: _Place, place: float, law: _Law, left: float, end: float) -> tuple[Array, float] | None:
+    def _gone_up_to(self, at: _Stand, place: float, law: _Law, left: float, end: float) -> tuple[Array, float] | None:
         """The same, in leaps from a closed configuration."""
         parametrization, tolerance, doubt = self._of, self._of.rules.tolerance, _LINE * left
         g, resolved = law.g(_square(at.probe)), law.g(2.0 * _RESOLVED / tolerance)
@@ -147,7 +147,7 @@ class DeadEnds:
             return True
         return left <= 8.0 * SHORTEST_STEP and (1.0 - place + 16.0 * SHORTEST_STEP) * length <= SINGULAR_WITHIN
 
-    def _settled(self, q_free: Array, ahead: float, before: _Place) -> _Place | None:
+    def _settled(self, q_free: Array, ahead: float, before: _Stand) -> _Stand | None:
         """Newton's method to a place on the line, on one side of det ψ_q′ = 0, in corrections that halve at least."""
         parametrization, rules, last = self._of, self._of.rules, np.inf
         equations = parametrization.equations(parametrization.coordinates.integrate(self._q_start, ahead * self._line))
@@ -159,7 +159,7 @@ class DeadEnds:
             if size <= rules.tolerance or (last <= rules.noise and size <= rules.stalled):
                 probe = factor.solve(parametrization.continuation.unstructured)
                 cosine = float(np.sum(probe * before.probe)) / np.sqrt(_square(probe) * _square(before.probe))
-                return _Place(q_free, factor, probe) if cosine >= _SAME_DIRECTION else None
+                return _Stand(q_free, factor, probe) if cosine >= _SAME_DIRECTION else None
             step = factor.solve(-residual)
             length = float(np.linalg.norm(step))
             if not length <= max(rules.noise, min(1.0, 0.5 * last)):

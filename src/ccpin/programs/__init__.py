@@ -15,15 +15,15 @@ if TYPE_CHECKING:
     from ccpin.programs.bridges import as_function, differential_action
     from ccpin.programs.compiled_model import compiled
     from ccpin.programs.exporting import export
-    from ccpin.programs.recorder import configuration, record
+    from ccpin.programs.recordings import configuration, record
 
 _WHERE = {  # what is imported with the first use of a name
     "as_function": "bridges",
     "compiled": "compiled_model",
-    "configuration": "recorder",
+    "configuration": "recordings",
     "differential_action": "bridges",
     "export": "exporting",
-    "record": "recorder",
+    "record": "recordings",
 }
 __all__ = [
     "Answer",

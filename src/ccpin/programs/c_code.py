@@ -15,7 +15,7 @@ import numpy as np
 
 from ccpin.errors import CcpinError
 from ccpin.programs.evaluation import gain_series
-from ccpin.programs.folding import Arithmetic, folded
+from ccpin.programs.folding import DOUBLES, folded
 from ccpin.programs.instructions import (
     ADD,
     CONSTANT,
@@ -33,8 +33,7 @@ from ccpin.programs.instructions import (
 from ccpin.programs.program import SMALL_PIVOT, Program
 from ccpin.programs.sine_cosine import DOUBLE, Precision
 
-PIECE = 1200  # operations a function: compilers take more than proportionally longer for more
-FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-fast-math")
+PIECE = 1200  # operations a function of exported C: compilers take more than proportionally longer for more
 _WORDS = {ADD: "+", SUBTRACT: "-", MULTIPLY: "*"}
 
 
@@ -74,9 +73,6 @@ def kernel_of(program: Program, name: str, precision: Precision = DOUBLE, size: 
     )
 
 
-DOUBLES = Arithmetic(lambda value: value, math.sqrt, lambda a: 1 / a, math.atan2)
-
-
 class _Slots(NamedTuple):
     """Where values that outlive their piece are kept: value -> place, and how many places there are."""
 
@@ -86,10 +82,9 @@ class _Slots(NamedTuple):
 
 def _slots(pieces: Sequence[Sequence[Instruction]], code: Code, program: Program) -> _Slots:
     """A place for every value that a later piece or the end reads, used again after its last use."""
-    born, dies = dict[int, int](), dict[int, int]()
+    dies = dict[int, int]()
     for number, piece in enumerate(pieces):
         for item in piece:
-            born[item.target] = number
             for operand in item.operands:
                 dies[operand] = number
     for number in (*code.outputs, *program.corrections):

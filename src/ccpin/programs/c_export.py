@@ -10,7 +10,7 @@ import numpy as np
 
 from ccpin.programs.c_code import Text, identifier, kernel_of, scalar_macros
 from ccpin.programs.instructions import ANGLE, GAIN, ROOT
-from ccpin.programs.program import Port, Program
+from ccpin.programs.program import Port, Program, windows
 from ccpin.programs.sine_cosine import Precision
 
 _WORDS = """
@@ -78,11 +78,9 @@ def _function(program: Program, name: str, precision: Precision) -> str:
     lines = [f"{kind} x[{max(sum(p.size for p, _ in reads), 1)}], out[{max(sum(p.size for p, _ in gives), 1)}];"]
     lines += ["int large, ok;", *(["x[0] = 0;"] if not taken else [])]
     for group, copy in ((reads, "x[{0} + k] = {1}[k]"), (gives, "{1}[k] = out[{0} + k]")):
-        first = 0
-        for port, word in group:
+        for (port, word), window in zip(group, windows(port for port, _ in group), strict=True):
             if port.size:
-                lines.append(f"for (int k = 0; k < {port.size}; k++) {{ {copy.format(first, word)}; }}")
-            first += port.size
+                lines.append(f"for (int k = 0; k < {port.size}; k++) {{ {copy.format(window.start, word)}; }}")
         if group is reads:
             lines.append(f"ok = {name}_kernel(x, out, &large);")
     lines.append(f"return ok ? {name}_OK : large ? {name}_NOT_CONVERGED : {name}_SINGULAR;")

@@ -9,7 +9,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.programs.c_code import literal
 from ccpin.programs.c_export import parameters
-from ccpin.programs.program import Program
+from ccpin.programs.program import Program, windows
 from ccpin.programs.same_bits import c_answers
 from ccpin.programs.sine_cosine import Precision
 
@@ -24,18 +24,13 @@ def self_test(program: Program, name: str, precision: Precision) -> str:
     found = c_answers(program, rows, precision)
     held = rows.astype(precision.type)
     outputs = np.where((found.status == 0)[:, None] & np.isfinite(found.outputs), found.outputs, 0)
-    names, first, calls = parameters(program, name), 0, list[str]()
-    arguments, checks = list[str](), list[str]()
-    for port in program.inputs:
-        arguments += [f"states[n] + {first}"] if port.size else []
-        first += port.size
-    first = 0
-    for k, port in enumerate(program.outputs, start=len(program.inputs)):
-        if port.size:
-            calls.append(f"{precision.name} {names[k]}[{port.size}];")
-            arguments.append(names[k])
-            checks.append(f"wrong += differs({names[k]}, wanted[n] + {first}, {port.size}, &same);")
-        first += port.size
+    names = parameters(program, name)[len(program.inputs) :]
+    gives = zip(names, program.outputs, windows(program.outputs), strict=True)
+    filled = [(word, port.size, window.start) for word, port, window in gives if port.size]
+    arguments = [f"states[n] + {window.start}" for window in windows(program.inputs) if window.stop > window.start]
+    arguments += [word for word, _, _ in filled]
+    calls = [f"{precision.name} {word}[{size}];" for word, size, _ in filled]
+    checks = [f"wrong += differs({word}, wanted[n] + {first}, {size}, &same);" for word, size, first in filled]
     given, kind, within = ", ".join(arguments), precision.name, f"{TOLERANCE[precision.name]:g}"
     return f"""/* Tests {name}.h at {len(rows)} states: ends with 0 where all is as computed, and prints what is not. */
 #include <stdio.h>
@@ -88,12 +83,9 @@ def states(program: Program) -> Array:
     rows = np.array([program.example, *program.around[: STATES - 1]], dtype=np.float64)
     if not program.corrections:
         return rows
-    first = 0
-    for port in program.inputs:
+    for port, window in zip(program.inputs, windows(program.inputs), strict=True):
         if port.name == "y":
-            window = slice(first, first + port.size)
             rows[:, window] += AWAY * (rows[0, window] - rows[:, window])
-        first += port.size
     return rows
 
 

@@ -23,12 +23,13 @@ from ccpin.dynamics.state import Near, ReducedTerms, State
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.programs.compiling import compiler
-from ccpin.programs.lanes import CompiledProgram, Format, width
+from ccpin.programs.lanes import CompiledProgram, width
 from ccpin.programs.line import from_a_line
 from ccpin.programs.numbers import NumbersOfRows
 from ccpin.programs.program import Program
-from ccpin.programs.recorder import record
-from ccpin.programs.recording.recorded_model import numbering
+from ccpin.programs.recording.recorded_mechanism import numbering
+from ccpin.programs.recordings import record
+from ccpin.programs.sine_cosine import Format
 
 REACH = 0.1  # of |q − q₀| in each number, rad or m
 BENT = 0.25  # of |y₁ − y₀| along the line: how far from there σ(q) may be

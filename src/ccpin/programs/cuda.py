@@ -12,16 +12,14 @@ import re
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 from ccpin.arrays import choice
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.programs.c_code import kernel_of, scalar_macros
 from ccpin.programs.program import Port, Program
-from ccpin.programs.sine_cosine import DOUBLE, FLOAT
+from ccpin.programs.sine_cosine import PRECISIONS, Format
 
-Format = Literal["double", "float"]
-_PRECISIONS = {"double": DOUBLE, "float": FLOAT}
 _OPTIONS = ("--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true", "--std=c++14")
 _PLACES = ("cuda_nvrtc", "cu13", "cu12")  # folders of `nvidia` where wheels put the library
 THREADS = 128  # a block
@@ -49,7 +47,7 @@ def source(program: Program, format: Format = "double") -> str:
 
     The kernel is `program_many(n, inputs …, outputs …, status)` with entry k of state i at k n + i of each array.
     """
-    precision = _PRECISIONS[choice(format, "format", tuple(_PRECISIONS))]
+    precision = PRECISIONS[choice(format, "format", tuple(PRECISIONS))]
     count = max(1, len(program.code.instructions))
     body = kernel_of(program, "program", precision, count).kernel.replace("static inline", "static DEVICE")
     ins = [f"const S *in{k}" for k, _ in enumerate(program.inputs)]

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import IO, Literal
+from typing import IO
 
 from ccpin.arrays import choice, instance
 from ccpin.errors import InvalidInputError
@@ -15,7 +15,7 @@ from ccpin.programs.c_code import identifier
 from ccpin.programs.c_export import header, is_taken
 from ccpin.programs.c_self_test import self_test
 from ccpin.programs.program import Program
-from ccpin.programs.sine_cosine import PRECISIONS, Precision
+from ccpin.programs.sine_cosine import PRECISIONS, Format, Precision
 
 Target = Callable[[Program, str, Precision], dict[str, str]]
 
@@ -38,7 +38,7 @@ def export(
     target: str = "c",
     *,
     name: str | None = None,
-    format: Literal["double", "float"] = "double",
+    format: Format = "double",
 ) -> tuple[Path, ...]:
     """Write a program's files into a folder, which is made where it is absent.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from fractions import Fraction
 from operator import add, mul, sub
@@ -34,6 +35,9 @@ class Arithmetic(NamedTuple):
     root: Callable[[Any], Any]
     reciprocal: Callable[[Any], Any]
     angle: Callable[[Any, Any], Any]
+
+
+DOUBLES = Arithmetic(lambda value: value, math.sqrt, lambda a: 1 / a, math.atan2)  # rationals stay exact till the end
 
 
 def folded(code: Code, arithmetic: Arithmetic) -> Code:

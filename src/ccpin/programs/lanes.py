@@ -7,7 +7,7 @@ import platform
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,13 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from ccpin.arrays import choice
 from ccpin.errors import InvalidInputError
 from ccpin.programs.c_code import kernel_of, lane_macros
-from ccpin.programs.compiling import loaded
-from ccpin.programs.program import Program
-from ccpin.programs.sine_cosine import DOUBLE, FLOAT
+from ccpin.programs.compiling import NoCompilerError, loaded
+from ccpin.programs.program import Program, windows
+from ccpin.programs.sine_cosine import PRECISIONS, Format
 
-Format = Literal["double", "float"]
-_PRECISIONS = {"double": DOUBLE, "float": FLOAT}
-PIECE = 600  # operations a function: compilers take more than proportionally longer for more
+PIECE = 600  # operations a function, of vectors; `c_code.PIECE` is of exported C
 _CHUNK = 2048  # rows a thread takes at a time
 _AGREES = 1e-6  # of the largest output: what a compiler may differ from NumPy at a program's example
 
@@ -72,7 +70,7 @@ class CompiledProgram:
     """
 
     def __init__(self, program: Program, format: Format = "double", vectors: Width | None = None) -> None:
-        self.program, self.format = program, choice(format, "format", tuple(_PRECISIONS))
+        self.program, self.format = program, choice(format, "format", tuple(PRECISIONS))
         self._type = np.dtype(np.float64 if format == "double" else np.float32)
         wide = vectors or width()
         flags = ("-O2" if len(program.code.instructions) <= PIECE else "-O1", *wide.flags)
@@ -88,13 +86,12 @@ class CompiledProgram:
         if self.format == "float" or not program.example:
             return True
         self._use(library)
-        ends = np.cumsum([port.size for port in program.inputs])[:-1]
-        parts = np.split(np.array(program.example), ends)
-        given = {port.name: part.reshape(port.shape) for port, part in zip(program.inputs, parts, strict=True)}
+        example, pairs = np.array(program.example), zip(program.inputs, windows(program.inputs), strict=True)
+        given = {port.name: example[window].reshape(port.shape) for port, window in pairs}
         wanted, found = program(**given), self(*given.values())
-        pairs = list(zip(wanted.values(), found, strict=False))
-        size = max((float(np.abs(a).max(initial=0.0)) for a, _ in pairs), default=0.0)
-        close = all(np.allclose(b[0], a, rtol=0.0, atol=_AGREES * size, equal_nan=True) for a, b in pairs)
+        beside = list(zip(wanted.values(), found, strict=False))
+        size = max((float(np.abs(a).max(initial=0.0)) for a, _ in beside), default=0.0)
+        close = all(np.allclose(b[0], a, rtol=0.0, atol=_AGREES * size, equal_nan=True) for a, b in beside)
         return close and int(found[-1][0]) == wanted.status
 
     def __call__(self, *inputs: ArrayLike, threads: int = 1) -> tuple[NDArray[Any], ...]:
@@ -160,9 +157,30 @@ class CompiledProgram:
                 other.result()
 
 
+class InNumPy:
+    """A program with the calls of a compiled one, where there is no compiler; always in double."""
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+
+    def __call__(self, *inputs: ArrayLike, threads: int = 1) -> tuple[Any, ...]:
+        """As `CompiledProgram`'s."""
+        names = [port.name for port in self.program.inputs]
+        told = self.program(**dict(zip(names, inputs, strict=True)))
+        return *told.values(), np.atleast_1d(told.status)
+
+
+def fastest(program: Program, format: Format = "double") -> CompiledProgram | InNumPy:
+    """What runs a program here: lanes, or NumPy where there is no compiler."""
+    try:
+        return CompiledProgram(program, format)
+    except NoCompilerError:
+        return InNumPy(program)
+
+
 def source(program: Program, format: Format, vectors: Width) -> str:
     """The C that is compiled."""
-    precision = _PRECISIONS[format]
+    precision = PRECISIONS[format]
     lanes = vectors.bytes // (8 if format == "double" else 4)
     name = "program"
     text = kernel_of(program, name, precision, PIECE)

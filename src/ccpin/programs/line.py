@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ccpin.programs.lowering import Pivot
-from ccpin.programs.program import Port, Program
+from ccpin.programs.program import Port, Program, windows
 from ccpin.programs.tape import Node, Tape
 
 
@@ -20,10 +20,11 @@ def from_a_line(program: Program, names: Sequence[str]) -> Program:
     columns = tuple(f"{row},{column}" for row in y.entries for column in q.entries)
     ports = (q, q._replace(name="q0"), y, Port("slope", (y.size, q.size), "", columns), *others)
     tape = Tape(sum(port.size for port in ports))
-    ends = np.cumsum([port.size for port in ports])[:-1]
-    at, start, known, slope, *rest = np.split(np.array(tape.inputs, dtype=object), ends)
+    numbers = np.array(tape.inputs, dtype=object)
+    at, start, known, slope, *rest = (numbers[window] for window in windows(ports))
     first = known + slope.reshape(y.size, q.size) @ (at - start)
-    named = _numbers(program)
+    pairs = zip(program.outputs, windows(program.outputs), strict=True)
+    named = {port.name: program.code.outputs[window] for port, window in pairs}
     wanted = [number for name in names for number in named[name]]
     asked = [wanted, named["sigma"], program.corrections, [pivot.number for pivot in program.pivots]]
     code = program.code._replace(outputs=tuple(number for group in asked for number in group))
@@ -44,12 +45,3 @@ def from_a_line(program: Program, names: Sequence[str]) -> Program:
         program.tolerance,
         (*given[: q.size], *given[: q.size + y.size], *np.zeros(y.size * q.size).tolist(), *given[q.size + y.size :]),
     )
-
-
-def _numbers(program: Program) -> dict[str, tuple[int, ...]]:
-    """The numbers of every output's values."""
-    found, first = dict[str, tuple[int, ...]](), 0
-    for port in program.outputs:
-        found[port.name] = program.code.outputs[first : first + port.size]
-        first += port.size
-    return found

@@ -7,14 +7,13 @@ symmetric matrix is taken apart as LDLᵀ. Every matrix is eliminated once, what
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.programs.evaluation import value_of
-from ccpin.programs.instructions import COSINE, GAIN, PART, SINE, SOLVE, Code, Instruction
+from ccpin.programs.instructions import PART, SOLVE, Code
 from ccpin.programs.signs import unsigned
 from ccpin.programs.tape import Expression, Node, Tape, is_zero
 
@@ -81,29 +80,7 @@ def lowered(code: Code, samples: Array) -> Lowered:
     written = tape.code([found[number] for number in code.outputs])
     used = {item.target for item in written.instructions} | set(range(code.inputs))
     pivots = [pivot for each in eliminations.values() for pivot in each.pivots if pivot.number in used]
-    return _packed(written, pivots)
-
-
-def _packed(code: Code, pivots: Sequence[Pivot]) -> Lowered:
-    """The same with values numbered without gaps, in the order of the instructions, and few negations."""
-    place = {k: k for k in range(code.inputs)}
-    kept = list[Instruction]()
-    for item in code.instructions:
-        place[item.target] = len(place)
-    for item in code.instructions:
-        operands = [place[number] for number in item.operands]
-        if item.kind == GAIN:
-            operands.append(item.b)
-        kept.append(
-            Instruction(
-                item.kind,
-                place[item.target],
-                *operands[: 1 if item.kind in (SINE, COSINE) else 2],
-                **({} if item.constant is None else {"constant": item.constant}),
-            )
-        )
-    packed = Code(len(place), code.inputs, tuple(kept), tuple(place[number] for number in code.outputs))
-    done, numbers = unsigned(packed, [place[pivot.number] for pivot in pivots])
+    done, numbers = unsigned(written, [pivot.number for pivot in pivots])
     scales = {number: pivot.scale for number, pivot in zip(numbers, pivots, strict=True)}
     return Lowered(done, tuple(Pivot(number, scale) for number, scale in scales.items()))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ccpin.arrays import Array, Mask
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.programs.recording.recorded_model import Numbering
+from ccpin.programs.recording.recorded_mechanism import Numbering
 
 _OFF = 1e-6  # from unit length of (cosine, sine): the model refuses such a pair
 

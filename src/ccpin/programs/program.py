@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from hashlib import sha256
+from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,6 +36,9 @@ from ccpin.programs.instructions import (
     Instruction,
 )
 from ccpin.programs.lowering import Pivot
+
+if TYPE_CHECKING:
+    from ccpin.programs.program_sources import ProgramSource
 
 WORDS = {
     CONSTANT: "constant", ADD: "add", SUBTRACT: "subtract", MULTIPLY: "multiply", SCALE: "scale", SINE: "sine",
@@ -65,6 +69,12 @@ class Port(NamedTuple):
     def size(self) -> int:
         """How many numbers it has."""
         return math.prod(self.shape)
+
+
+def windows(ports: Iterable[Port]) -> list[slice]:
+    """Where the numbers of each port stand among those of all, side by side."""
+    ends = list(accumulate((port.size for port in ports), initial=0))
+    return [slice(*pair) for pair in pairwise(ends)]
 
 
 class Answer(Mapping[str, Array]):
@@ -99,10 +109,11 @@ class Program:
         inputs, outputs: The ports, in the order of the numbers.
         code: The instructions, without linear solves.
         pivots: Values that solves divide by.
-        corrections: Numbers of the last corrections of σ's Newton steps (none where q′ is given closed), and the square
-            of their length above which they had not converged.
+        corrections: Numbers of the last corrections of σ's Newton steps; none where q′ is given closed.
+        tolerance: The length of those above which the steps had not converged.
         example: Inputs at which it was recorded, in the order of the numbers.
         around: Inputs at closed states about it, alike.
+        source: What it was put together of; programs that were loaded, and steps, have none.
     """
 
     name: str
@@ -114,6 +125,7 @@ class Program:
     tolerance: float = 0.0
     example: tuple[float, ...] = ()
     around: tuple[tuple[float, ...], ...] = ()
+    source: ProgramSource | None = None
 
     def __call__(self, **inputs: ArrayLike) -> Answer:
         """The outputs at inputs of the ports' shapes, or of many at once along a first axis more."""
@@ -121,10 +133,9 @@ class Program:
         with np.errstate(all="ignore"):
             values = values_of(self.code, list(numbers.T), np)
         rows = len(numbers)
-        found, first = dict[str, Array](), 0
-        for port in self.outputs:
-            columns = [values[k] for k in self.code.outputs[first : first + port.size]]
-            first += port.size
+        found = dict[str, Array]()
+        for port, window in zip(self.outputs, windows(self.outputs), strict=True):
+            columns = [values[k] for k in self.code.outputs[window]]
             table = (
                 np.stack([np.broadcast_to(column, (rows,)) for column in columns], axis=1)
                 if columns
@@ -173,7 +184,7 @@ class Program:
     @property
     def digest(self) -> str:
         """A fingerprint of all that it computes."""
-        return sha256(json.dumps(self._document(), sort_keys=True).encode()).hexdigest()
+        return _digest(self._document())
 
     def __repr__(self) -> str:
         ports = (", ".join(f"{port.name} {port.shape}" for port in group) for group in (self.inputs, self.outputs))
@@ -198,7 +209,8 @@ class Program:
     @property
     def text(self) -> str:
         """The JSON that `save` writes."""
-        return json.dumps(self._document() | {"digest": self.digest})
+        document = self._document()
+        return json.dumps(document | {"digest": _digest(document)})
 
     @classmethod
     def load(cls, path: str | Path) -> Program:
@@ -227,6 +239,10 @@ class Program:
             "example": [value.hex() for value in self.example],
             "around": [[value.hex() for value in row] for row in self.around],
         }  # fmt: skip
+
+
+def _digest(document: dict[str, Any]) -> str:
+    return sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
 def _program_of(document: Any) -> Program:

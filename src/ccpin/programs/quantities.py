@@ -15,8 +15,8 @@ from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.programs.recording.constants import Constants, Parameter
-from ccpin.programs.recording.recorded_laws import efforts, law_terms, transmission
-from ccpin.programs.recording.recorded_model import Numbering, RecordedModel, recorded_model
+from ccpin.programs.recording.recorded_laws import LawTerms, efforts, law_terms, transmission
+from ccpin.programs.recording.recorded_mechanism import Numbering, RecordedModel, recorded_model
 from ccpin.programs.recording.recorded_tree import Table, exact, exact_placement, rational
 from ccpin.programs.tape import Tape
 
@@ -142,20 +142,22 @@ def along(scene: TapedModel, entries: Table, by: str) -> Table:
     return np.array(columns, dtype=object).reshape(len(ways), *entries.shape).transpose(*range(1, entries.ndim + 1), 0)
 
 
+def _law(scene: TapedModel) -> LawTerms:
+    state = scene.inputs["x"], scene.inputs["v"]
+    return law_terms(scene.tape, scene.law, scene.own.q, state, scene.recorded.terms, scene.own.near)
+
+
 def _torque(scene: TapedModel) -> Table:
     """u of the law."""
-    terms, own, x = scene.recorded.terms, scene.own, scene.inputs["x"]
-    does = law_terms(scene.tape, scene.law, own.q, (x, scene.inputs["v"]), terms, own.near)
-    return efforts(scene.tape, transmission(scene.model, scene.recorded.motion.rho), does.force)
+    return efforts(scene.tape, transmission(scene.model, scene.recorded.motion.rho), _law(scene).force)
 
 
 def _lyapunov(scene: TapedModel) -> Table:
     """𝒱 + V(q_d) with the law's own g(q_d)."""
-    terms, own, x = scene.recorded.terms, scene.own, scene.inputs["x"]
-    does = law_terms(scene.tape, scene.law, own.q, (x, scene.inputs["v"]), terms, own.near)
-    if does.lyapunov is None:
+    value = _law(scene).lyapunov
+    if value is None:
         raise UnsupportedMechanismError(f"𝒱 is recorded of PDSimpleGravity (28), not of {type(scene.law).__name__}")
-    return np.array([does.lyapunov], dtype=object)
+    return np.array([value], dtype=object)
 
 
 def pose_of(scene: TapedModel, end: EndEffector) -> Table:

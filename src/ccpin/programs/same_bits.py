@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.programs.c_code import DOUBLES
 from ccpin.programs.evaluation import values_of
-from ccpin.programs.folding import folded
+from ccpin.programs.folding import DOUBLES, folded
 from ccpin.programs.instructions import COSINE, SINE
 from ccpin.programs.program import SMALL_PIVOT, Program
 from ccpin.programs.sine_cosine import Precision, sine_and_cosine

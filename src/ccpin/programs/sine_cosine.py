@@ -9,10 +9,12 @@ come of k by rounding k/2 and k/4 to integers, ties to even. The error is bounde
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+Format = Literal["double", "float"]
 
 
 class Precision(NamedTuple):
@@ -94,7 +96,7 @@ FLOAT = Precision(
     1e3,
     1.23e-7,
 )
-PRECISIONS = {"double": DOUBLE, "float": FLOAT}
+PRECISIONS: dict[str, Precision] = {"double": DOUBLE, "float": FLOAT}
 
 
 def sine_and_cosine(x: NDArray[Any], precision: Precision = DOUBLE) -> tuple[NDArray[Any], NDArray[Any]]:

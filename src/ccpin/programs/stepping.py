@@ -8,13 +8,12 @@ error, O(h⁵); one Newton step of φ(q, y) = 0 in y takes that to O(h¹⁰), an
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.programs.instructions import Code
+from ccpin.programs.program_sources import slopes_of
 from ccpin.programs.quantities import QUANTITIES, TapedModel
 from ccpin.programs.recording.recorded_tree import Table, rational
 from ccpin.programs.tape import Expression, Tape
@@ -58,7 +57,9 @@ def stepped(scene: TapedModel, tape: Tape, at: dict[str, Table]) -> Step:
         for start, a, b, c, d in zip((x, v), first, second, third, fourth, strict=True)
     ]
     x, v = _of_unit_length(scene, ends[0]), ends[1]
-    rows, matrix = closure_and_slopes(tape, closure, arguments(x, v), own.dependent)
+    at_end, m = arguments(x, v), len(own.dependent)
+    rows = np.array(tape.inlined(closure, at_end), dtype=object)
+    matrix = np.array(tape.inlined(slopes_of(closure, own.dependent), at_end), dtype=object).reshape(m, m)
     correction = tape.solve(matrix, rows[:, None])[:, 0]
     return Step(x[list(own.q.places)], x[list(own.dependent)] - correction, v, correction)
 
@@ -71,16 +72,3 @@ def _of_unit_length(scene: TapedModel, x: Table) -> Table:
             p = x[joint.x.stop - 4 : joint.x.stop]
             x[joint.x.stop - 4 : joint.x.stop] = p * ((3 - p @ p) * rational(0.5))
     return x
-
-
-def closure_and_slopes(
-    tape: Tape, closure: Code, arguments: list[Expression], places: Sequence[int]
-) -> tuple[Table, Table]:
-    """φ and its derivatives by the numbers at some places, at arguments."""
-    alone = Tape(closure.inputs)
-    rows = alone.inlined(closure, alone.inputs)
-    slopes = [alone.derivative(rows, {place: 1}) for place in places]
-    both = alone.code([*rows, *(entry for row in zip(*slopes, strict=True) for entry in row)])
-    values = np.array(tape.inlined(both, arguments), dtype=object)
-    m = len(rows)
-    return values[:m], values[m:].reshape(m, m)

@@ -71,6 +71,7 @@ _MOVES = (
 )
 _DEFECT = ("validated/flow/test_sharp_defect.py",)
 _TAPES = "programs/test_tape.py"
+_BRANCHES = ("validated/programs/test_program_claims.py", "validated/programs/test_false_programs.py")
 _PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
     Room(
@@ -93,6 +94,114 @@ ROOMS: tuple[Room, ...] = (
         ),
         _WIDE,
         (("reach = np.maximum(", "minimum instead", "they differ by the middle's rounding, which is counted below"),),
+    ),
+    Room(
+        "validated/arithmetic/first_order",
+        (
+            "_UNIT",
+            "_OUT",
+            "_LEAST",
+            "_TRIGONOMETRIC",
+            "FirstOrder.spread",
+            "FirstOrder.size",
+            "FirstOrder.least",
+            "FirstOrder.__add__",
+            "FirstOrder.__sub__",
+            "FirstOrder.__mul__",
+            "FirstOrder.scaled",
+            "FirstOrder.widened",
+            "reciprocal",
+            "root",
+            "sine_and_cosine",
+            "preconditioned",
+        ),
+        ("validated/arithmetic/test_first_order.py",),
+        (
+            ("positive = (x.mid > 0.0)", "not asked: x.least > 0.0", "what is divided by is then below 0, or 0"),
+            ("positive = (x.mid > 0.0)", "0 let in", "what is divided by 0 is ∞ too"),
+            ("bend = np.where(x.least > 0.0", "0 let in", "what is divided by 0 is ∞ too"),
+            ("np.where(positive, x.mid, 1.0)", "1 ×", "where nothing is rooted the radius is ∞"),
+        ),
+    ),
+    Room(
+        "validated/programs/error_sweeps",
+        (
+            "_UP",
+            "_ADDED",
+            "_LEAST",
+            "FORMATS",
+            "ErrorSweep.__init__",
+            "ErrorSweep.run",
+            "ErrorSweep.arriving",
+            "ErrorSweep._run",
+            "ErrorSweep._value",
+            "ErrorSweep._wave",
+            "ErrorSweep._loss",
+            "ErrorSweep._shares",
+            "_add",
+        ),
+        ("validated/programs/test_error_sweeps.py",),
+    ),
+    Room(
+        "validated/programs/program_equations",
+        (
+            "ProgramEquations.__post_init__",
+            "ProgramEquations.n_y",
+            "ProgramEquations.sizes",
+            "ProgramEquations.program",
+            "_require_instructions",
+            "runnable",
+            "_factor",
+            "_distance",
+            "_numpy_constants",
+        ),
+        ("validated/programs/test_error_sweeps.py", "validated/programs/test_false_programs.py"),
+    ),
+    Room(
+        "validated/programs/branch_claim",
+        (
+            "_UNIT",
+            "_OUT",
+            "cells_of",
+            "placed",
+            "tabled",
+            "BranchOverCells.examined",
+            "BranchOverCells._image",
+            "BranchOverCells._joined",
+            "BranchOverCells._reach",
+            "tubes",
+        ),
+        _BRANCHES,
+    ),
+    Room(
+        "validated/programs/steps_claim",
+        ("_OUT", "StepsFindSigma.examined", "StepsFindSigma._factor"),
+        _BRANCHES,
+    ),
+    Room(
+        "validated/programs/rounding_claim",
+        (
+            "_OUT",
+            "ProgramComputed.examined",
+            "ProgramComputed._over",
+            "ProgramComputed._stepped",
+            "ProgramComputed._inputs",
+        ),
+        (*_BRANCHES, "validated/programs/test_program_certificates.py"),
+    ),
+    Room(
+        "validated/programs/program_certificate",
+        (
+            "ProgramCertificate._known",
+            "ProgramCertificate._about",
+            "ProgramCertificate._rests",
+            "ProgramCertificate.always_trusted",
+            "ProgramCertificate._by_port",
+            "_bits",
+            "_up",
+            "_down",
+        ),
+        (*_BRANCHES, "validated/programs/test_program_certificates.py"),
     ),
     Room(
         "validated/arithmetic/balls",
@@ -143,7 +252,11 @@ ROOMS: tuple[Room, ...] = (
             "is_zero",
         ),
         (*_PROGRAMS, _TAPES),
-        (("not isinstance(value, Node) and", "not asked: not isinstance", "a node equals no number"),),
+        (
+            ("if shareable and key", "not asked: shareable", "what is not shared is not kept"),
+            ("(item.kind != ANGLE or is_zero", "not asked: is_zero(slopes[item.b])", "0 all the same, only later"),
+            ("not isinstance(value, Node) and", "not asked: not isinstance", "a node equals no number"),
+        ),
     ),
     Room(
         "validated/arithmetic/series",
@@ -255,7 +368,7 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room("validated/model/configurations", ("on_manifold", "unwound", "configuration"), (*_RECORDED, _RANDOM)),
     Room(
-        "programs/recording/recorded_model",
+        "programs/recording/recorded_mechanism",
         ("Numbering.dependent", "numbering", "recorded_model", "_independent_rows", "_unit_lengths"),
         _RECORDED,
         (("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),),
@@ -540,6 +653,29 @@ ROOMS: tuple[Room, ...] = (
 
 _CHOSEN = "chooses the length of a step, which `attempt` proves"
 EXCUSED: tuple[Excused, ...] = (
+    Excused("validated/programs/proposals", (), "proposes cells and tubes: `BranchOverCells` says what is proved"),
+    Excused("validated/programs/certifying", (), "proposes starts and cuts: the claims say what is proved"),
+    Excused("validated/programs/rounding_claim", ("_MEMORY",), "how many cells are looked at at once"),
+    Excused(
+        "validated/programs/program_certificate",
+        (
+            "bounds_of",
+            "ProgramCertificate.verdict",
+            "ProgramCertificate.reason",
+            "ProgramCertificate.off",
+            "ProgramCertificate._share",
+            "ProgramCertificate._off",
+            "ProgramCertificate._fact",
+            "ProgramCertificate._status",
+            "ProgramCertificate.statement",
+            "ProgramCertificate.replay",
+            "ProgramCertificate.bits",
+            "ProgramCertificate.ranges",
+            "_numbers",
+            "_box",
+        ),
+        "words, which arguments are refused, and what the search compares",
+    ),
     Excused("validated/sets/arrival", (), "proposes lines and boxes: `Arrived` says what is proved of them"),
     Excused(
         "validated/sets/move", ("_run", "_of_one", "_proved", "_of_a_set"), "propose: the claims say what is proved"

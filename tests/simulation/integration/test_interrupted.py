@@ -69,7 +69,7 @@ def test_a_motion_that_would_fill_the_memory_is_refused(rpdr_model):
 
 def test_cycles_on_the_command_line_keep_what_was_computed(monkeypatch, capsys):
     """Ctrl-C in the middle: the moves made are told, and the exit code is that of an interrupt."""
-    begun, law = [], simulate._law
+    begun, law = [], simulate.law_of
 
     def law_to(*of):
         begun.append(of)
@@ -77,7 +77,7 @@ def test_cycles_on_the_command_line_keep_what_was_computed(monkeypatch, capsys):
             os.kill(os.getpid(), signal.SIGINT)
         return law(*of)
 
-    monkeypatch.setattr(simulate, "_law", law_to)
+    monkeypatch.setattr(simulate, "law_of", law_to)
     arguments = ["simulate", "rpdr", "--start-deg", "-118", "-62", "--goal-deg", "-108", "-72", "--cycles", "5000"]
     assert main([*arguments, "--wait", "0.1"]) == 130
     said = capsys.readouterr().out

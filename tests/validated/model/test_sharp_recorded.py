@@ -16,7 +16,7 @@ flint = pytest.importorskip("flint")
 
 from ccpin.programs.recording import ball_joints, recorded_coordinates, recorded_tree  # noqa: E402
 from ccpin.programs.recording.recorded_laws import require_sampled  # noqa: E402
-from ccpin.programs.recording.recorded_model import _unit_lengths  # noqa: E402
+from ccpin.programs.recording.recorded_mechanism import _unit_lengths  # noqa: E402
 from ccpin.programs.tape import Tape  # noqa: E402
 from ccpin.validated.arithmetic.balls import ball  # noqa: E402
 from ccpin.validated.arithmetic.programs import in_balls  # noqa: E402
@@ -265,6 +265,15 @@ def test_angles_on_circles_that_a_law_reads():
     for off, told in ((3.1, True), (-3.1, True), (3.2, False), (-3.2, False)):
         x[angle.place] = 1.0 + off
         assert (too_far_turned(loop.equations, balls(x, v)) == "") is told
+
+
+def test_goals_are_counted_in_the_turn_that_is_nearest():
+    """Of −3 rad, seen from 3 rad, one turn on; from −2.9 as it is."""
+    model = ccpin.ReducedModel(ccpin.load(with_kinds("slider_crank", crank="continuous")))
+    law = ccpin.control.PDSimpleGravity(model, [np.cos(-3.0), np.sin(-3.0)], 2.0, 0.5)
+    for near, target in ((3.0, 2.0 * np.pi - 3.0), (-2.9, -3.0)):
+        loop = recorded_loop(model, law, model.at([np.cos(near), np.sin(near)]).q_free)
+        assert float(loop.equations.wrapped[0].target) == pytest.approx(target, abs=1e-14)
 
 
 def test_balls_that_are_turned_too_far():

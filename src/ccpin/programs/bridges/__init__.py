@@ -47,7 +47,7 @@ def as_function(program: Program, library: Library, outputs: str | Sequence[str]
             from ccpin.programs.bridges.jax_function import function_of as made
         else:
             from ccpin.programs.bridges.torch_function import function_of as made
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise CcpinError(f"{library} is not installed: pip install 'ccpin[{library}]' ({error})") from None
     return made(program, outputs)
 
@@ -71,6 +71,6 @@ def differential_action(program: Program, costs: Any) -> Any:
     program = instance(program, "program", Program)
     try:
         from ccpin.programs.bridges.crocoddyl_model import action_of
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise CcpinError(f"crocoddyl is not installed: pip install 'ccpin[crocoddyl]' ({error})") from None
     return action_of(program, costs)

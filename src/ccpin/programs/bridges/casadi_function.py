@@ -16,7 +16,7 @@ import casadi as ca
 
 from ccpin.programs.bridges.differentiated import STEP, Differentiated, evaluated, parts_of
 from ccpin.programs.c_code import identifier
-from ccpin.programs.program import Port, Program
+from ccpin.programs.program import Port, Program, windows
 
 _SX = SimpleNamespace(
     sin=ca.sin, cos=ca.cos, sqrt=ca.sqrt, arctan2=ca.atan2, arccos=ca.acos, minimum=ca.fmin, maximum=ca.fmax,
@@ -62,11 +62,10 @@ def _jacobian(parts: Differentiated, inputs: list[Any], name: str) -> Any:
 def _evaluated(program: Program, inputs: list[Any]) -> list[Any]:
     """Columns of the outputs, NaN where they cannot be trusted."""
     entries, trusted = evaluated(program, [column[k] for column in inputs for k in range(column.numel())], _SX)
-    found, first = list[Any](), 0
-    for port in program.outputs:
-        column = ca.vertcat(*entries[first : first + port.size]) if port.size else ca.SX(0, 1)
+    found = list[Any]()
+    for window in windows(program.outputs):
+        column = ca.vertcat(*entries[window]) if entries[window] else ca.SX(0, 1)
         found.append(ca.if_else(trusted, column, math.nan) if program.pivots or program.corrections else column)
-        first += port.size
     return found
 
 

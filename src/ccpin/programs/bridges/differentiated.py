@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -10,11 +9,10 @@ from typing import Any, NamedTuple
 from ccpin.arrays import choice
 from ccpin.errors import InvalidInputError
 from ccpin.programs.evaluation import values_of
-from ccpin.programs.folding import Arithmetic, folded
+from ccpin.programs.folding import DOUBLES, folded
 from ccpin.programs.instructions import CONSTANT
-from ccpin.programs.program import SMALL_PIVOT, Port, Program
+from ccpin.programs.program import SMALL_PIVOT, Port, Program, windows
 
-_DOUBLES = Arithmetic(lambda value: value, math.sqrt, lambda a: 1 / a, math.atan2)
 STEP = "step_by_q"  # the tangent step that a change of q's numbers is, where q̇ is not their rate
 
 
@@ -60,12 +58,11 @@ def parts_of(program: Program, outputs: str | Sequence[str] | None = None) -> Di
 
 def restricted(program: Program, names: Collection[str]) -> Program:
     """It with some of its outputs, in its order; the status stays what it was."""
-    ports, results, first = list[Port](), list[int](), 0
-    for port in program.outputs:
+    ports, results = list[Port](), list[int]()
+    for port, window in zip(program.outputs, windows(program.outputs), strict=True):
         if port.name in names:
             ports.append(port)
-            results += program.code.outputs[first : first + port.size]
-        first += port.size
+            results += program.code.outputs[window]
     needed = _ancestors(program, [*results, *program.corrections, *(pivot.number for pivot in program.pivots)])
     kept = tuple(item for item in program.code.instructions if item.target in needed)
     return replace(program, outputs=tuple(ports), code=program.code._replace(instructions=kept, outputs=tuple(results)))
@@ -83,7 +80,7 @@ def evaluated(program: Program, columns: Sequence[Any], module: Any) -> tuple[li
     """Entries of the outputs, and whether they can be trusted, at entries of the inputs in a module's arithmetic."""
     watched = [*program.corrections, *(pivot.number for pivot in program.pivots)]
     shown = program.code.outputs
-    code = folded(program.code._replace(outputs=(*shown, *watched)), _DOUBLES)
+    code = folded(program.code._replace(outputs=(*shown, *watched)), DOUBLES)
     values = values_of(code, columns, module)
     trusted = module.true
     constant = {item.target for item in code.instructions if item.kind == CONSTANT}
@@ -100,12 +97,8 @@ def _reads(program: Program, name: str) -> set[str]:
     """The inputs that an output depends on."""
     code = restricted(replace(program, pivots=(), corrections=()), [name]).code
     used = {number for item in code.instructions for number in item.operands} | set(code.outputs)
-    found, first = set[str](), 0
-    for port in program.inputs:
-        if used & set(range(first, first + port.size)):
-            found.add(port.name)
-        first += port.size
-    return found
+    pairs = zip(program.inputs, windows(program.inputs), strict=True)
+    return {port.name for port, window in pairs if used & set(range(window.start, window.stop))}
 
 
 def _ancestors(program: Program, stack: list[int]) -> set[int]:

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from ccpin.errors import InvalidInputError
 from ccpin.programs.bridges.differentiated import STEP, Differentiated, evaluated, lacking, parts_of
 from ccpin.programs.bridges.row_programs import RowProgram, in_order, leading
-from ccpin.programs.program import Program
+from ccpin.programs.program import Program, windows
 
 _JAX = SimpleNamespace(
     sin=jnp.sin, cos=jnp.cos, sqrt=jnp.sqrt, arctan2=jnp.arctan2, arccos=jnp.arccos, minimum=jnp.minimum,
@@ -88,10 +88,9 @@ def written_out(program: Program, arrays: list[Any]) -> dict[str, Any]:
     batch, kind = arrays[0].shape[: arrays[0].ndim - len(program.inputs[0].shape)], arrays[0].dtype
     flat = [array.reshape(*batch, port.size) for array, port in zip(arrays, program.inputs, strict=True)]
     entries, trusted = evaluated(program, [array[..., k] for array in flat for k in range(array.shape[-1])], _JAX)
-    found, first = dict[str, Any](), 0
-    for port in program.outputs:
-        wide = [jnp.broadcast_to(jnp.asarray(entry, kind), batch) for entry in entries[first : first + port.size]]
-        first += port.size
+    found = dict[str, Any]()
+    for port, window in zip(program.outputs, windows(program.outputs), strict=True):
+        wide = [jnp.broadcast_to(jnp.asarray(entry, kind), batch) for entry in entries[window]]
         table = jnp.stack(wide, axis=-1) if wide else jnp.zeros((*batch, 0), kind)
         found[port.name] = jnp.where(jnp.asarray(trusted)[..., None], table, jnp.nan).reshape(*batch, *port.shape)
     return found

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.errors import InvalidInputError
-from ccpin.programs.lanes import CompiledProgram, NoCompilerError
+from ccpin.programs.lanes import fastest
 from ccpin.programs.program import Program
 
 
@@ -51,7 +51,7 @@ class RowProgram:
 
     def __init__(self, program: Program) -> None:
         self.program = program
-        self._compiled = cache(self._compile)
+        self._fastest = cache(partial(fastest, program))
 
     def __call__(self, *arrays: Any) -> list[NDArray[Any]]:
         """The outputs, each of shape (…, *shape), in the inputs' precision."""
@@ -62,18 +62,7 @@ class RowProgram:
             np.broadcast_to(table, (*batch, *port.shape)).reshape(rows, *port.shape)
             for table, port in zip(tables, ports, strict=True)
         ]
-        compiled = self._compiled("float" if kind == np.float32 else "double")
-        if compiled is None:
-            answer = self.program(**{port.name: table for port, table in zip(ports, wide, strict=True)})
-            outputs, status = [*answer.values()], answer.status
-        else:
-            *outputs, status = compiled(*wide)
+        *outputs, status = self._fastest("float" if kind == np.float32 else "double")(*wide)
         for output in outputs:
             output[status != 0] = np.nan
         return [output.astype(kind, copy=False).reshape(*batch, *output.shape[1:]) for output in outputs]
-
-    def _compile(self, form: Any) -> CompiledProgram | None:
-        try:
-            return CompiledProgram(self.program, form)
-        except NoCompilerError:
-            return None

@@ -15,7 +15,7 @@ import torch
 from ccpin.errors import InvalidInputError
 from ccpin.programs.bridges.differentiated import STEP, Differentiated, evaluated, lacking, parts_of
 from ccpin.programs.bridges.row_programs import RowProgram, in_order, leading
-from ccpin.programs.program import Program
+from ccpin.programs.program import Program, windows
 
 _TORCH = SimpleNamespace(
     sin=torch.sin, cos=torch.cos, sqrt=torch.sqrt, arctan2=torch.atan2, arccos=torch.acos,
@@ -104,13 +104,9 @@ def written_out(program: Program, tensors: Any) -> list[Any]:
     flat = [tensor.reshape(*batch, port.size) for tensor, port in zip(tensors, program.inputs, strict=True)]
     columns = [tensor[..., k] for tensor in flat for k in range(tensor.shape[-1])]
     entries, trusted = evaluated(program, columns, _TORCH)
-    found, first = list[Any](), 0
-    for port in program.outputs:
-        wide = [
-            torch.as_tensor(entry, dtype=like.dtype, device=like.device).expand(batch)
-            for entry in entries[first : first + port.size]
-        ]
-        first += port.size
+    found = list[Any]()
+    for port, window in zip(program.outputs, windows(program.outputs), strict=True):
+        wide = [torch.as_tensor(x, dtype=like.dtype, device=like.device).expand(batch) for x in entries[window]]
         table = torch.stack(wide, dim=-1) if wide else like.new_zeros((*batch, 0))
         if trusted is not True:
             table = torch.where(trusted[..., None], table, math.nan)

@@ -20,7 +20,7 @@ from ccpin.control.control_law import ControlLaw, idle, stated
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.programs.recording.ball_joints import BallTurn
 from ccpin.programs.recording.recorded_laws import efforts, law_terms, require_sampled, transmission
-from ccpin.programs.recording.recorded_model import Numbering, numbering, recorded_model
+from ccpin.programs.recording.recorded_mechanism import Numbering, numbering, recorded_model
 from ccpin.programs.tape import Tape
 from ccpin.proof.digests import Part, digest, require_same
 from ccpin.validated.arithmetic.balls import ball

@@ -15,13 +15,14 @@ from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.programs.instructions import Code
 from ccpin.programs.lowering import lowered
-from ccpin.programs.program import Port, Program
+from ccpin.programs.program import Port, Program, windows
+from ccpin.programs.program_sources import ProgramSource, assembled
 from ccpin.programs.quantities import QUANTITIES, TapedModel, along, jacobian_of, pose_of, taped_model
 from ccpin.programs.recording.constants import Parameter, parameters_of
-from ccpin.programs.recording.recorded_model import Numbering, numbering
+from ccpin.programs.recording.recorded_mechanism import Numbering, numbering
 from ccpin.programs.recording.recorded_tree import Table
-from ccpin.programs.stepping import closure_and_slopes, stepped
-from ccpin.programs.tape import Expression, Node, Tape
+from ccpin.programs.stepping import stepped
+from ccpin.programs.tape import Tape
 
 Given = Literal["closed", "near"]
 SAMPLES, _SPREAD, _TRIES = 32, 0.15, 400  # states about the reference at which pivots are chosen
@@ -83,35 +84,24 @@ def record(
     outputs = _outputs(scene, asked, tuple(derivatives))
     inner = scene.tape.code([entry for table in outputs.values() for entry in table.ravel()])
     ports = _input_ports(scene, _inputs_read(scene, inner), symbols)
-    tape = Tape(sum(port.size for port in ports))
-    at = dict(zip((port.name for port in ports), _split(tape.inputs, ports), strict=True))
-    y, corrections = at["y"], np.empty(0, dtype=object)
-    if given == "near":
-        closure = scene.tape.code(scene.recorded.closure)
-        y, corrections = _newton(tape, scene, closure, at, whole(steps, "steps"))
-    results = tape.inlined(inner, _arguments(scene, at | {"y": y}))
-    return _program(scene, asked, (ports, _output_ports(outputs)), (tape, results, corrections), state, symbols)
-
-
-def _program(
-    scene: TapedModel,
-    asked: Sequence[str],
-    ports: tuple[tuple[Port, ...], tuple[Port, ...]],
-    recorded: tuple[Tape, Sequence[Expression], Table],
-    about: State,
-    symbols: Sequence[Parameter],
-) -> Program:
-    """The program of outputs and corrections on a tape."""
-    tape, results, corrections = recorded
-    samples = _samples(scene.model, scene.own, about, ports[0], symbols)
-    done = lowered(tape.code([*results, *corrections]), samples)
-    count = len(corrections)
-    shown = done.code._replace(outputs=done.code.outputs[: len(done.code.outputs) - count])
-    return Program(
-        f"{scene.model.mechanism.name}: {', '.join(asked)}", *ports, shown, done.pivots,
-        done.code.outputs[len(done.code.outputs) - count :], CONVERGED if count else 0.0, tuple(samples[0].tolist()),
-        tuple(map(tuple, samples[1:].tolist())),
+    samples = _samples(model, own, state, ports, symbols)
+    source = ProgramSource(
+        scene.tape.code(scene.recorded.closure), inner, own.q.places,
+        tuple(len(table) for table in scene.inputs.values()),
+        tuple((port.name, port.size) for port in ports), whole(steps, "steps") if given == "near" else 0,
+        tuple(map(tuple, samples.tolist())),
     )  # fmt: skip
+    done = assembled(source)
+    return Program(
+        f"{model.mechanism.name}: {', '.join(asked)}", ports, _output_ports(outputs), done.code, done.pivots,
+        done.corrections, CONVERGED if done.corrections else 0.0, *_about(samples), source,
+    )  # fmt: skip
+
+
+def _about(samples: Array) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
+    """The first sample and the others."""
+    first, *others = map(tuple, samples.tolist())
+    return first, tuple(others)
 
 
 def _step(scene: TapedModel, about: State, symbols: Sequence[Parameter]) -> Program:
@@ -119,11 +109,18 @@ def _step(scene: TapedModel, about: State, symbols: Sequence[Parameter]) -> Prog
     q, y, *rest = _input_ports(scene, {"v", "u"}, symbols)
     ports = (q, y, *rest, Port("h", (1,), "s", ("h",)))
     tape = Tape(sum(port.size for port in ports))
-    at = dict(zip((port.name for port in ports), _split(tape.inputs, ports), strict=True))
+    numbers = np.array(tape.inputs, dtype=object)
+    at = {port.name: numbers[window] for port, window in zip(ports, windows(ports), strict=True)}
     step = stepped(scene, tape, at)
     after = tuple(port._replace(name=f"{port.name}_next") for port in (q, y, rest[0]))
-    recorded = tape, [*step.q, *step.y, *step.v], step.correction
-    return _program(scene, ("step",), (ports, after), recorded, about, symbols)
+    samples = _samples(scene.model, scene.own, about, ports, symbols)
+    results = [*step.q, *step.y, *step.v]
+    done = lowered(tape.code([*results, *step.correction]), samples)
+    shown = done.code._replace(outputs=done.code.outputs[: len(results)])
+    return Program(
+        f"{scene.model.mechanism.name}: step", ports, after, shown, done.pivots, done.code.outputs[len(results) :],
+        CONVERGED, *_about(samples),
+    )  # fmt: skip
 
 
 def configuration(state: State, near: State | None = None) -> dict[str, Array]:
@@ -260,30 +257,6 @@ def _output_ports(outputs: dict[str, Table]) -> tuple[Port, ...]:
 
 def _places(shape: tuple[int, ...]) -> list[str]:
     return [",".join(map(str, place)) for place in np.ndindex(*shape)]
-
-
-def _split(nodes: Sequence[Node], ports: Sequence[Port]) -> list[Table]:
-    ends = np.cumsum([port.size for port in ports])[:-1]
-    return np.split(np.array(nodes, dtype=object), ends)
-
-
-def _arguments(scene: TapedModel, at: dict[str, Table]) -> list[Expression]:
-    """Values for the scene's inputs; 0 for those that nothing reads."""
-    x = np.zeros(len(scene.own.near), dtype=object)
-    x[list(scene.own.q.places)], x[list(scene.own.dependent)] = at["q"], at["y"]
-    others = [at.get(name, np.zeros(len(scene.inputs[name]), dtype=object)) for name in "vuap"]
-    return [*x, *(entry for each in others for entry in each)]
-
-
-def _newton(tape: Tape, scene: TapedModel, closure: Code, at: dict[str, Table], steps: int) -> tuple[Table, Table]:
-    """Y after so many Newton steps of φ(q, y) = 0 and one more with the last matrix; that last correction."""
-    y, correction, matrix = at["y"], at["y"], None
-    for _ in range(steps):
-        rows, matrix = closure_and_slopes(tape, closure, _arguments(scene, at | {"y": y}), scene.own.dependent)
-        y = y - tape.solve(matrix, rows[:, None])[:, 0]
-    residual = np.array(tape.inlined(closure, _arguments(scene, at | {"y": y})), dtype=object)
-    correction = tape.solve(matrix, residual[:, None])[:, 0]
-    return y - correction, correction
 
 
 def _samples(

@@ -8,7 +8,7 @@ from ccpin import Simulator, programs
 from ccpin.errors import InvalidInputError
 from ccpin.programs.compiling import NoCompilerError
 from ccpin.programs.lanes import CompiledProgram
-from ccpin.programs.recording.recorded_model import numbering
+from ccpin.programs.recording.recorded_mechanism import numbering
 
 TIME = 0.08  # s
 

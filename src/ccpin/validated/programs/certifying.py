@@ -1,0 +1,140 @@
+"""`certify_program`: what a program's arithmetic is sure to do over a region, with the search for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array, choice, instance, numbers, records, vector, whole
+from ccpin.errors import InvalidInputError
+from ccpin.programs.program import Program
+from ccpin.proof.facts import Fact, NotProvedError, prove
+from ccpin.validated.programs.error_sweeps import FORMATS
+from ccpin.validated.programs.program_certificate import ProgramCertificate, bounds_of
+from ccpin.validated.programs.program_equations import ProgramEquations
+from ccpin.validated.programs.proposals import proposed_branch
+from ccpin.validated.programs.rounding_claim import ProgramComputed
+from ccpin.validated.programs.steps_claim import StepsFindSigma
+
+_CLOSED, _NEAR, _HALVINGS = 1e-6, 0.02, 6  # how far y may be from σ(q), of programs without and with steps
+_BETTER = 0.8  # of the bound before: else a finer cut is not worth it
+
+
+def certify_program(
+    program: Program,
+    region: tuple[ArrayLike, ArrayLike],
+    *,
+    bounds: Mapping[str, ArrayLike],
+    start: ArrayLike | None = None,
+    formats: Sequence[str] = ("double", "float"),
+    max_cells: int = 4096,
+) -> ProgramCertificate:
+    """What a program is sure to do over a region: pivots, σ's steps, ranges, errors of rounding (Theorems Q, K and E).
+
+    The region is a box of q, about a branch of σ, with bounds of what else the program reads. Over it the certificate
+    says: σ is one function; the program's Newton steps, if it has some, find it from every y within `start`; no pivot
+    vanishes and nothing overflows; and how far what a machine computes is from the exact values at σ(q) at most, where
+    the program's sine and cosine are those of `ccpin.programs` (or as good) and nothing is fused or reordered.
+
+    Args:
+        program: A program that was recorded (one that was loaded has not what it was made of).
+        region: Lower and upper numbers of q, each of shape (n,).
+        bounds: Of the absolute values of the other inputs, by name: `{"v": …, "u": …}`, of their shapes, or one number.
+        start: How far y may be from σ(q), by entry or one number: default 1e-6 where y is given closed; with steps the
+            largest of 0.02, 0.01, … for which they are proved to be enough, with status 0 if that can be proved.
+        formats: `"double"`, `"float"`, or both.
+        max_cells: Into how many cells the box of q is cut at most.
+
+    Raises:
+        InvalidInputError: A region, bounds or formats that are none of this program's.
+    """
+    program = instance(program, "program", Program)
+    if program.source is None:
+        raise InvalidInputError("a program that was loaded has not what it was made of: record it here")
+    equations = ProgramEquations(program.source)
+    n, m = equations.sizes["Q"], equations.n_y
+    if not isinstance(region, Sequence) or isinstance(region, str) or len(region) != 2:
+        raise InvalidInputError("region must be the lower and the upper numbers of q")
+    lower, upper = vector(region[0], "region[0]", n), vector(region[1], "region[1]", n)
+    if not np.all(lower < upper):
+        raise InvalidInputError("region: every lower number must be below the upper one")
+    most = bounds_of(program, instance(bounds, "bounds", Mapping, "bounds of inputs by name"))
+    asked = tuple(choice(name, "formats", [each.name for each in FORMATS]) for name in records(formats, "formats", str))
+    if not asked:
+        raise InvalidInputError('formats must be "double", "float" or both')
+    search = _Search(program, equations, lower, upper, most, asked)
+    starts = [np.full(m, _NEAR / 2**k) for k in range(_HALVINGS)] if program.corrections else [np.full(m, _CLOSED)]
+    if start is not None:
+        given = numbers(start, "start")
+        starts = [np.full(m, float(given)) if given.ndim == 0 else vector(given, "start", m)]
+        if not np.all(starts[0] > 0.0):
+            raise InvalidInputError("start: every number must be positive")
+    return search.best(starts, whole(max_cells, "max_cells"))
+
+
+class _Search:
+    """Finer and finer cuts of a region."""
+
+    def __init__(
+        self,
+        program: Program,
+        equations: ProgramEquations,
+        lower: Array,
+        upper: Array,
+        bounds: Array,
+        formats: tuple[str, ...],
+    ) -> None:
+        self._program, self._equations, self._lower, self._upper = program, equations, lower, upper
+        self._bounds, self._formats = bounds, formats
+        self._stopped = ""
+
+    def best(self, starts: Sequence[Array], most: int) -> ProgramCertificate:
+        """The certificate of the finest cut that is worth it."""
+        found: ProgramCertificate | None = None
+        n, count = len(self._lower), 1
+        while count**n <= most:
+            new = self._cut(count, starts)
+            if new is not None:
+                if found is not None and new.off > _BETTER * found.off:
+                    return found if found.off < new.off else new
+                found = new
+            count *= 2
+        return found or ProgramCertificate(
+            self._program, self._lower, self._upper, self._bounds, None, None, (), self._told(most)
+        )
+
+    def _told(self, most: int) -> str:
+        return f"with up to {most} cells: {self._stopped or 'the box of q has more axes than that'}; raise max_cells"
+
+    def _cut(self, count: int, starts: Sequence[Array]) -> ProgramCertificate | None:
+        """The certificate with so many cells along each axis, if all is proved."""
+        equations = self._equations
+        try:
+            branch = prove(proposed_branch(equations, self._lower, self._upper, [count] * len(self._lower)))
+        except NotProvedError as error:
+            self._stopped = str(error)
+            return None
+        found: ProgramCertificate | None = None
+        for start in starts:
+            try:
+                premises, steps = [branch], None
+                if equations.source.steps:
+                    steps = prove(StepsFindSigma(equations, start), branch)
+                    premises.append(steps)
+                computed = tuple(self._computed(name, start, premises) for name in self._formats)
+            except NotProvedError as error:
+                self._stopped = str(error)
+                continue
+            made = ProgramCertificate(
+                self._program, self._lower, self._upper, self._bounds, branch, steps, computed, start=start
+            )
+            if made.always_trusted(self._formats[0]):
+                return made
+            found = made
+        return found
+
+    def _computed(self, name: str, start: Array, premises: Sequence[Fact]) -> Fact:
+        number = np.array([[each.name for each in FORMATS].index(name)])
+        return prove(ProgramComputed(self._equations, start, self._bounds, number), *premises)
