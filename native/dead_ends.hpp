@@ -4,11 +4,13 @@
 // q′ = q′* + b √d + O(d) and 1/|Y|² is proportional to d(1 + O(√d)). At a crossing, where q′ goes on but det ψ_q′ changes
 // its sign, q′ is smooth and 1/|Y| proportional to d(1 + O(d)). What such a law calls g is a straight line into zero; next
 // to what is passed by it bends away (near an isolated singular point 1/|Y| ~ √(d² + ε²)). Where three points of the walk
-// lie on a line, q′ is followed up to the end in leaps that leave a 4th to a 64th of d, begun by the law and closed
-// by Newton's method. After each det ψ_q′ must have its sign, Y its direction, and g must have followed its line, which then
-// says anew where it ends. So down to the walk's shortest step, or to where rounding decides. If q lies beyond, or before it
-// by less than half that step (of which no fraction that is allowed leads there), the walk would find the same with a
-// hundred steps. Otherwise nothing is said and the walk goes on from where it was: what it answers depends on none of this.
+// lie nearly on a line, q′ is followed up to the end in leaps that leave a 4th to a 64th of d, begun by the law and closed
+// by Newton's method. After each det ψ_q′ must have its sign, Y its direction, and g tells anew where the end is, until it
+// is where it was. So down to the walk's shortest step, or to where rounding decides: the walk is trusted as long as |Y|²
+// times the tolerance of closed points is at most `kRounded`, which g says is where. It would stop between two places, then;
+// if q lies beyond these, and has one name from both, singular or out of reach, it is refused. So it is after a walk that
+// went on until no step was trusted, if q lies well beyond. Otherwise nothing is said: what the walk answers depends on none
+// of this. (ccpin.kinematics.dead_ends leaps as well, later and with less to say.)
 #pragma once
 #include "continuation.hpp"
 
@@ -17,11 +19,16 @@
 namespace ccpin {
 
 constexpr double kNoise = 1e-9, kLargestMove = 1, kShortestStep = 0x1p-30;
-constexpr double kLine = 0.1;           // of the slope of g: it may change by less over three points,
-constexpr double kFollowed = 0.5;       // of what is left: a leap may find as much more or less,
-constexpr double kSure = 0.03;          // and the last one this
+constexpr double kLine = 0.5;           // of the slope of g: it may change by less over three points,
+constexpr double kSeenFrom = 0.1;       // of what is left: so far apart these are at least
+constexpr double kFollowed = 4;         // times what is left: a leap may find so much more or less,
+constexpr double kSure = 0.03;          // of what is left: the last leap this, the one before eight times as much
+constexpr double kDoubts = 8;           // times the last change of where the end is: it may be so far off
 constexpr double kSameDirection = 0.9;  // of the cosine between Y before and after a leap
 constexpr double kResolved = 1e-2;      // |Y|² times the tolerance of closed points: rounding's share of g
+constexpr double kRoundedAlike = 0.5;   // of what rounding leaves of the way: the walk stops there, give or take,
+constexpr double kStopsWithin = 16 * kShortestStep;  // and its steps lead so near at least, if rounding lets them
+constexpr double kStoppedAlike = 1e-5;  // of the way: so much farther at most may others walk that take other steps
 constexpr int kMostLeaps = 32, kMostSettling = 10;
 
 enum class Ending { fold, crossing };
@@ -50,15 +57,16 @@ struct Approach {
       bent = std::abs(slope / before - 1), kind = each, left = -c / slope;
     }
     end = place + left;
-    return left < next && done[2] - done[0] >= 0.25 * left && end <= 1 + 0.25 * left;
+    return left < next && done[2] - done[0] >= kSeenFrom * left && end <= 1 + 0.25 * left;
   }
 };
 
 // The last one that was found, and on which way.
 class DeadEnd {
  public:
-  double done = 1, end = 1;    // how much of the way leads next to it, and at most to it,
-  std::vector<double> q_free;  // and q′ next to it
+  double done = 1;             // how much of the way leads next to it,
+  std::vector<double> q_free;  // q′ there,
+  double from = 1, to = 1;     // and between what and what the walk stops
   bool is(const Cluster& c, const double* q, const double* start) const {
     return done < 1 && cluster_ == &c && std::memcmp(q, q_.data(), sizeof(double) * q_.size()) == 0 &&
            std::memcmp(start, start_.data(), sizeof(double) * start_.size()) == 0;
@@ -113,38 +121,47 @@ class DeadEnds : public Continuation {
 
   // Whether the way to q ends where an end is neared at `here_`, into `dead_end_`.
   bool ends_before(const Cluster& c, ClusterState& s, const double* q, Approach& a) {
-    double place = a.done[2], left = a.left, end = a.end, doubt = kLine * left;
-    a.next = left / 16;  // where nothing comes of it
+    double place = a.done[2], left = a.left, end = a.end, doubt = 0.1 * left;
+    a.next = left / 2;  // where nothing comes of it
     copy_cluster(c, here_.data(), q_free.data());
     target(c, q, place);
     linearize(c, s, q_ahead_.data());
     if (!(s.factor.ratio > 0)) return false;
-    const int sign = s.factor.sign;
     probe(c, s);
-    double g = line_of(a.kind, probe_square(s));
-    const double resolved = line_of(a.kind, 2 * kResolved / m.tolerance);
-    std::vector<double> before;
+    double g = line_of(a.kind, probe_square(s)), resolved = kResolved, astray = INFINITY;
     for (int leap = 0; leap < kMostLeaps; ++leap) {
-      const double goal = std::max({4 * kShortestStep, std::clamp(4 * doubt, left / 64, left / 4), left * resolved / g});
+      const double least = left * line_of(a.kind, 2 * resolved / m.tolerance) / g;
+      const double goal = std::max({4 * kShortestStep, std::clamp(4 * doubt, left / 64, left / 4), least});
       if (!(goal < left)) return false;
-      before = s.probe;
-      tangent(c, s);
-      for (double& x : s.step) x *= a.kind == Ending::fold ? 2 * (left - std::sqrt(left * goal)) : left - goal;
-      move(c, s.step.data());
-      target(c, q, end - goal);
-      if (!settles(c, s, sign) || !(cosine(before, s.probe) >= kSameDirection)) return false;
+      if (!leaps(c, s, q, a.kind, end, left, goal)) return false;
       const double ahead = end - goal, square = probe_square(s), now = line_of(a.kind, square);
       left = -now * (ahead - place) / (now - g);
-      if (!(now < g && std::abs(left - goal) <= kFollowed * goal)) return false;
+      if (!(now < g && left <= kFollowed * goal && goal <= kFollowed * left)) return false;
       doubt = std::abs(ahead + left - end), end = ahead + left, place = ahead, g = now;
-      if (!(end - 2 * doubt <= 1 + 0.5 * kShortestStep)) return false;
-      if (goal <= 8 * kShortestStep || m.tolerance * square >= kResolved) {
-        if (!(doubt <= kSure * goal && end + 2 * doubt <= 1 + 0.5 * kShortestStep && place < 1)) return false;
-        dead_end_.done = place, dead_end_.end = end + 2 * doubt, dead_end_.q_free = q_free;
+      const double unseen = left * line_of(a.kind, kRounded / m.tolerance) / now;  // where rounding decides
+      const double to = end + kDoubts * doubt - std::max(kRoundedAlike * unseen, 0.5 * kShortestStep);
+      if (!(to - 2 * kDoubts * doubt <= 1)) return false;
+      const double unsure = std::max(doubt / goal, 0.125 * astray);
+      astray = doubt / goal;
+      if (goal > 8 * kShortestStep && m.tolerance * square < resolved) continue;
+      if (unsure <= kSure && place < 1) {
+        if (!(to <= 1)) return false;
+        const double from = end - kDoubts * doubt - std::max(unseen / kRoundedAlike, kStopsWithin);
+        dead_end_.done = place, dead_end_.q_free = q_free, dead_end_.from = from, dead_end_.to = to;
+        if (from > place && leaps(c, s, q, a.kind, end, end - place, end - from))
+          dead_end_.done = from, dead_end_.q_free = q_free;
         return true;
       }
+      if (goal <= 8 * kShortestStep || resolved > kRounded / 16) return false;
+      resolved *= 4;  // not sure as yet: nearer
     }
     return false;
+  }
+
+  // Of a walk that went on until no step was trusted, into `dead_end_`: others may stop a little before or behind.
+  void stopped(double done) {
+    dead_end_.done = done, dead_end_.q_free = here_, dead_end_.to = done + kStoppedAlike;
+    dead_end_.from = -INFINITY;
   }
 
   static double probe_square(const ClusterState& s) {
@@ -180,6 +197,8 @@ class DeadEnds : public Continuation {
   }
 
  private:
+  std::vector<double> before_leap_;  // Y
+
   void probe(const Cluster& c, ClusterState& s) const { solve_beside_probe(c, s, 2); }
   static double cosine(const std::vector<double>& a, const std::vector<double>& b) {
     double ab = 0, aa = 0, bb = 0;
@@ -198,12 +217,22 @@ class DeadEnds : public Continuation {
     }
     newton_step(c, s);
   }
+  // From where `left` is left of the way to its end to where `goal` is, Y in the same direction.
+  bool leaps(const Cluster& c, ClusterState& s, const double* q, Ending kind, double end, double left, double goal) {
+    before_leap_ = s.probe;
+    const int sign = s.factor.sign;
+    tangent(c, s);
+    for (double& x : s.step) x *= kind == Ending::fold ? 2 * (left - std::sqrt(left * goal)) : left - goal;
+    move(c, s.step.data());
+    target(c, q, end - goal);
+    return settles(c, s, sign) && cosine(before_leap_, s.probe) >= kSameDirection;
+  }
   // Newton's method to the q aimed at, on one side of det ψ_q′ = 0, in corrections that are halved at least each time.
   bool settles(const Cluster& c, ClusterState& s, int sign) {
     double last = INFINITY;
     for (int iteration = 0; iteration < kMostSettling; ++iteration) {
       const double size = linearize(c, s, q_ahead_.data());
-      if (!(s.factor.ratio > 0) || s.factor.sign != sign) return false;
+      if (!(s.factor.ratio > 0)) return false;
       if (size <= m.tolerance || (last <= kNoise && size <= 100 * m.tolerance)) {
         probe(c, s);
         return true;

@@ -50,20 +50,19 @@ class Parametrization : public DeadEnds {
   // steps decide whether q itself is called singular.
   double ends_at(const double* q, const double* start) {
     closed_ = false, wants_rho_ = false;
-    double least = 1, end = 1;
+    double least = 1, from = 1, to = 1;
     size_t first = 0;
     for (size_t k = 0; k < m.clusters.size(); ++k) {
       if (solve(m.clusters[k], states[k], q, start, nullptr)) continue;
       if (!dead_end_.is(m.clusters[k], q, start)) return 1;
-      if (dead_end_.done < least) least = dead_end_.done, end = dead_end_.end, first = k, ended_ = dead_end_.q_free;
+      from = std::min({from, dead_end_.from, dead_end_.done}), to = std::min(to, dead_end_.to);
+      if (dead_end_.done < least) least = dead_end_.done, first = k, ended_ = dead_end_.q_free;
     }
     double length = 0;
     for (const Cluster& c : m.clusters) set_line(c, q, start);
     for (double x : line_) length += x * x;
     length = std::sqrt(length);
-    const bool beyond = (1 - end) * length > kSingularWithin;  // else it is near, if certainly so wherever the walk would stop
-    const bool near = end - least <= 16 * kShortestStep && (1 - least + 16 * kShortestStep) * length <= kSingularWithin;
-    if (least == 1 || !(beyond || near)) return 1;
+    if (least == 1 || !((1 - to) * length > kSingularWithin || (1 - from) * length <= kSingularWithin)) return 1;
     for (size_t k = 0; k < m.clusters.size(); ++k) {
       const Cluster& c = m.clusters[k];
       if (k == first) continue;
@@ -268,9 +267,11 @@ class Parametrization : public DeadEnds {
     dead_end_.begin(c, m, q, start);
     set_line(c, q, start);
     Approach approach;
-    return follow(c, s, start, [&](double ahead) { target(c, q, ahead); }, [&](double done) {
+    const bool reached = follow(c, s, start, [&](double ahead) { target(c, q, ahead); }, [&](double done) {
       return approach.nears_end(done, probe_square(s)) && ends_before(c, s, q, approach);
     });
+    if (!reached && dead_end_.done == 1) stopped(approach.done[2]);
+    return reached;
   }
   // In steps that Newton trusts, halved where he does not and doubled after two that he did, from a start to q_ahead_ as
   // f(1) sets it; given up where `ends` says so of what is done.

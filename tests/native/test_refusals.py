@@ -1,18 +1,21 @@
 """What σ refuses because the way to q ends: seen by the core, said as the reference says it, and true."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 
 import ccpin
 from ccpin import native
 from ccpin.errors import CcpinError, SingularConfigurationError, UnreachableError
+from ccpin.kinematics import parametrization
 from tests.oracles import rpdr as oracle
 from tests.support.agreement import reference_model
 
 pytestmark = pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is not in use")
 
 SIZES = [1, pytest.param(20, marks=pytest.mark.slow)]
-LAST_STEPS = 1e-5  # of the way: how far apart the two may stop before one singular configuration
+LAST_STEPS = 5e-6  # of the way: how far apart the two may stop before one singular configuration
 
 
 def both(name):
@@ -48,12 +51,17 @@ def error_of(call):
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("name", ["rpdr", "delta", "stewart", "hexa"])
 def test_what_the_core_refuses_the_reference_refuses_likewise(name, size):
-    """At random and beside ends: one kind of error, at one place on the line; and the same answers else."""
+    """At random and beside ends: one kind of error, at one place on the line; and the same answers else.
+
+    The reference walks all the way here, without a leap of its own.
+    """
     (model, reference), rng, ends = both(name), np.random.default_rng(81), 0
     start = model.alpha(model.mechanism.q_reference)
     for k in range(6 * size):
         q = start + rng.uniform(-np.pi, np.pi, model.n) if k % 3 == 0 else beside_an_end(model, rng)
-        error, known = (error_of(lambda m=m, q=q: m.sigma(q)) for m in (model, reference))
+        error = error_of(lambda q=q: model.sigma(q))
+        with patch.object(parametrization, "DeadEnds", lambda *_: lambda *_: None):
+            known = error_of(lambda q=q: reference.sigma(q))
         assert type(error) is type(known), (error, known)
         found = model.core.blocked(None, q)
         if found is None:
