@@ -2,10 +2,10 @@
 
 Far: q at random within π of the reference, each coordinate. Near: about the ends of straight ways out of the reference,
 half along the way and half off it, at distances from 1e-5 to 0.1. At: the same at distances from 1e-9 to 1e-5, where
-rounding decides whether a q is answered or refused. All from the reference, CPU time of `model.sigma` until the error is
-raised. Before: the reference walks on in ever shorter steps; after: what the model does. Both in one run, the former on
-the first `--walked` refusals of each kind; `changed` counts errors of another kind, and answers, among these. `asked`:
-after how many the reference was asked.
+rounding decides whether a q is answered or refused. All from the reference, CPU time of `model.sigma` until the error
+is raised. Before: the reference walks on in ever shorter steps; after: what the model does. Both in one run, the former
+on the first `--walked` refusals of each kind; `changed` counts errors of another kind, and answers, among these.
+`asked`: after how many the reference was asked.
 """
 
 from __future__ import annotations
