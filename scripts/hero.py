@@ -148,9 +148,9 @@ def five_bar(count: int) -> list[Image.Image]:
     inset.spines[:].set_visible(False)
     tool = ccpin.EndEffector(model, "link3", [0.3048, 0.0, 0.0])
     elbows = [ccpin.EndEffector(model, link, [0.2794, 0.0, 0.0]) for link in ("link1", "link2")]
-    (path,) = inset.plot([], [], color="#d1541f", linewidth=1.0, alpha=0.6)
+    (path,) = inset.plot([], [], color=plotting.COLOURS[0], linewidth=1.0, alpha=0.6)
     bars = inset.plot([], [], [], [], linewidth=3.5, solid_capstyle="round", marker="o", markersize=4)
-    for bar, colour in zip(bars, ("#1f6fb2", "#3a8f4d"), strict=True):
+    for bar, colour in zip(bars, plotting.COLOURS[1:3], strict=True):
         bar.set_color(colour)
     states = [model.at(q) for q in angles]
     reached = np.array([tool.pose(state)[[0, 2], 3] for state in states])

@@ -17,6 +17,7 @@ from ccpin import (
     plotting,
     programs,
     simulation,
+    transmission,
     validated,
     visualization,
 )
@@ -32,7 +33,8 @@ from ccpin.plotting.motion import plot_configuration_panels
 from ccpin.simulation.plant.stick_slip import friction_force
 from ccpin.simulation.results.forces import closure_forces_at
 
-ROOMS = ("control", "description", "domain", "dynamics", "mechanism", "plotting", "simulation", "validated")
+ROOMS = ("control", "description", "domain", "dynamics", "mechanism", "plotting", "simulation", "transmission")
+ROOMS += ("validated",)
 WRONG = (None, "rpbr", -1, np.nan, [], [[1.0, 2.0]], np.zeros((3, 3)), {"a": 1}, [object()], np.ones(2) * 1j, 10**400)
 FLAGS = {"floating_base", "loop", "open_browser", "failures", "proved", "workers", "executor", "checkpoint"}
 # What these hold is given by ccpin, or looked at where it is used.
@@ -322,7 +324,10 @@ def _simulation(b):
     supervised = {"model": b.model, "q0": b.q, "goals": [b.q], "wait": 0.003, "settling": near, "timeout": 0.01}
     supervised |= {"law_to": lambda goal, q_free: control.PDSimpleGravity(b.model, goal, 50, 5, q_free), "near": None}
     metrics = {"trajectory": b.run, "mechanism": b.whole, "goal": b.q, "band": 0.03}
+    b.whole.save(b.folder / "twin.xml")
+    twin = {"model": b.whole, "file": b.folder / "twin.xml", "u": b.rest, "duration": 0.01}
     return {
+        "run_in_mujoco": (simulation.run_in_mujoco, twin),
         "closure_forces": (simulation.closure_forces, forces),
         "joint_forces": (simulation.joint_forces, forces),
         "closure_forces_at": (closure_forces_at, at),
@@ -354,6 +359,7 @@ def _validated(b):
         "enclose_set": (validated.enclose_set, run | spread | {"longest_slice": 1.0, "period": None}),
         "certify_move": (validated.certify_move, run | spread | {"arrival": 1.0, "spread": 0.0}),
         "certify_program": (validated.certify_program, _program(b)),
+        "ProgramCertificate.load": (validated.ProgramCertificate.load, {"path": b.folder / "absent.npz"}),
     }
 
 
@@ -362,6 +368,66 @@ def _program(b):
     q = np.array(program.example[: b.model.n])
     box = (q - 0.01, q + 0.01)
     return {"program": program, "region": box, "bounds": {}, "start": 1e-6, "formats": ("double",), "max_cells": 1}
+
+
+def _transmission(b):
+    found = transmission.Transmission(b.whole, ["joint3", "joint4"])
+    posture, q = found.reference, found.reference.q_joint
+    swing = transmission.Swing(found, [0.1, 0.1], 1.0, q)
+    along = {"transmission": found, "motion": swing, "near": None, "samples": 3}
+    made = transmission.compare(**along)
+    pair = {"v_joint": b.rest, "a_joint": b.rest}
+    limits = {"effort": 1.0, "speed": 1.0}
+    return {
+        "Transmission": (
+            transmission.Transmission,
+            {"model": b.whole, "joints": ["joint3", "joint4"], "motors": ["joint1", "joint2"]},
+        ),
+        "Transmission.at": (found.at, {"q_joint": q, "near": None}),
+        "Transmission.at_motor": (found.at_motor, {"q_motor": posture.q_motor, "near": posture}),
+        "Transmission.motor_from_joint": (found.motor_from_joint, {"q_joint": q, "near": None}),
+        "Transmission.joint_from_motor": (found.joint_from_motor, {"q_motor": posture.q_motor, "near": None}),
+        "Posture.jacobian_rate": (posture.jacobian_rate, {"v_joint": b.rest}),
+        "Posture.motor_velocity": (posture.motor_velocity, {"v_joint": b.rest}),
+        "Posture.joint_velocity": (posture.joint_velocity, {"v_motor": b.rest}),
+        "Posture.motor_acceleration": (posture.motor_acceleration, pair),
+        "Posture.joint_effort": (posture.joint_effort, {"motor_effort": b.rest}),
+        "Posture.motor_effort": (posture.motor_effort, {"joint_effort": b.rest}),
+        "Posture.linkage_effort": (posture.linkage_effort, pair),
+        "Posture.serial_effort": (posture.serial_effort, pair),
+        "Posture.delivered_effort": (posture.delivered_effort, {"motor_effort": b.rest} | pair),
+        "Posture.required_effort": (posture.required_effort, {"joint_effort": b.rest} | pair),
+        "Posture.apparent_inertia": (posture.apparent_inertia, {"rotor_inertia": [1.0, 1.0]}),
+        "Posture.joint_stiffness": (posture.joint_stiffness, {"stiffness": [1.0, 1.0], "motor_effort": None}),
+        "Posture.motor_stiffness": (posture.motor_stiffness, {"stiffness": np.eye(2), "joint_effort": None}),
+        "Posture.joint_damping": (posture.joint_damping, {"damping": [1.0, 1.0]}),
+        "Posture.motor_damping": (posture.motor_damping, {"damping": [1.0, 1.0]}),
+        "Posture.joint_play": (posture.joint_play, {"motor_play": [1.0, 1.0]}),
+        "Posture.motor_play": (posture.motor_play, {"joint_play": [1.0, 1.0]}),
+        "Posture.torque_polytope": (
+            posture.torque_polytope,
+            {"v_joint": None, "effort": 1.0, "motors": None, "friction": 0.0},
+        ),
+        "Posture.speed_polytope": (posture.speed_polytope, {"speed": 1.0}),
+        "Polytope.largest_box": (posture.torque_polytope(effort=1.0).largest_box, {"shape": None}),
+        "Swing": (
+            transmission.Swing,
+            {"transmission": found, "amplitude": [0.1, 0.1], "frequency": 1.0, "centre": None, "cycles": 1},
+        ),
+        "compare": (transmission.compare, along | {"shortcut": "serial", "bandwidth": None}),
+        "motor_loads": (transmission.motor_loads, along),
+        "survey": (
+            transmission.survey,
+            {"transmission": found, "lower": q - 0.01, "upper": q + 0.01, "count": 2},
+        ),
+        "certify_effort_box": (
+            transmission.certify_effort_box,
+            {"transmission": found, "region": (q - 0.01, q + 0.01), "box": None, "shape": None, "effort": 1.0}
+            | {"max_cells": 1},
+        ),
+        "plot_limits": (transmission.plot_limits, {"transmission": found, "title": None} | limits),
+        "plot_shortcuts": (transmission.plot_shortcuts, {"comparisons": [made], "title": None}),
+    }
 
 
 def _visualization(b):
@@ -415,6 +481,7 @@ TABLES = {
     "mechanism": _mechanism,
     "plotting": _plotting,
     "simulation": _simulation,
+    "transmission": _transmission,
     "validated": _validated,
     "visualization": _visualization,
 }

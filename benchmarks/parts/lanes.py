@@ -1,9 +1,15 @@
-"""Programs in lanes: a row of q̈ at a known q′, with σ from 1e-2 rad away, in single precision, and on two threads."""
+"""Programs in lanes: a row of q̈ at a known q′, with σ from 1e-2 rad away, in single precision, and on two threads.
+
+And a step of one of thousands of Gymnasium environments, of the wall clock, with all that starts anew.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -19,6 +25,10 @@ from ccpin.errors import CcpinError
 PART, LANES = "lanes", "lanes"
 CALLS, ROUNDS, STEPS = 200, 25, 2  # of the peer in one timing; rounds; Newton's steps of σ
 MOST = 65_536  # rows of a batch, which stay in the processor's cache
+LARGE = 4  # times as many for two threads, whose start is tens of microseconds
+ENVIRONMENTS, EPISODE, EFFORT = 4096, 100, 0.5  # at once; steps of 20 ms, each of 10 integrator's steps; N m or N
+THREADS = {"one thread": 1, "two threads": 2}
+TRAINED = ("rpdr", str(Path(__file__).parents[2] / "docs/howto/ankle.urdf"))
 
 
 def measure(options: Options) -> Iterator[Measured]:
@@ -27,6 +37,8 @@ def measure(options: Options) -> Iterator[Measured]:
         free = loaded(name)
         if free is not None:
             yield from figures(short_name(name), ccpin.ReducedModel(ccpin.load(name)), free, options)
+    for name in TRAINED if options.deep else TRAINED[:1]:
+        yield from environments(name, options)
 
 
 def figures(subject: str, model: ccpin.ReducedModel, free: ccpin.Mechanism, options: Options) -> Iterator[Measured]:
@@ -58,7 +70,9 @@ def figures(subject: str, model: ccpin.ReducedModel, free: ccpin.Mechanism, opti
         note = f"{sum(program.operations.values())} operations; 0 where the cache had it"
         yield Measured(PART, subject, f"{quantity}: compiling", LANES, seconds, note=note)
         if quantity == "a row of q̈ at a known q′":
-            runs["two"] = lambda made=made, q=q, held=held, v=v, u=u: made(q, held, v, u, threads=2)
+            many = [np.asfortranarray(np.tile(each, (LARGE, 1))) for each in (q, held, v, u)]
+            for threads in THREADS:
+                runs[threads] = partial(made, *many, threads=THREADS[threads])
     whole = programs.compiled(model)
     about = model.alpha(model.mechanism.q_reference)
     rng = np.random.default_rng(2)
@@ -73,10 +87,11 @@ def figures(subject: str, model: ccpin.ReducedModel, free: ccpin.Mechanism, opti
         run()
     for _ in range(min(options.rounds, ROUNDS)):
         for name, run in runs.items():
-            each = CALLS if name == PINOCCHIO else min(count, 4096) if name == "core" else count
+            each = {PINOCCHIO: CALLS, "core": min(count, 4096)}.get(name, count * LARGE if name in THREADS else count)
             samples[name].append(timed(run, time.perf_counter)[1] / each)
     times = {name: np.array(found) for name, found in samples.items()}
-    loop, two, core = times.pop(PINOCCHIO, None), times.pop("two"), times.pop("core", None)
+    loop, core = times.pop(PINOCCHIO, None), times.pop("core", None)
+    one, two = (times.pop(name) for name in THREADS)
     if loop is not None:
         yield Measured(PART, subject, "q̈", PINOCCHIO, float(np.median(loop)), note=peer.note)
     for name, found in times.items():
@@ -84,8 +99,8 @@ def figures(subject: str, model: ccpin.ReducedModel, free: ccpin.Mechanism, opti
         yield Measured(PART, subject, name, LANES, float(np.median(found)), "s", ratio, f"{count} rows")
     if core is not None:
         yield Measured(PART, subject, "a row of forward_dynamics_many", NATIVE, float(np.median(core)))
-    gain = float(np.median(times["a row of q̈ at a known q′"] / two))
-    yield Measured(PART, subject, "two threads over one (wall clock)", LANES, gain, "")
+    gain = float(np.median(one / two))
+    yield Measured(PART, subject, "two threads over one (wall clock)", LANES, gain, "", note=f"{LARGE * count} rows")
 
 
 def rows(model: ccpin.ReducedModel, count: int) -> tuple[tuple[np.ndarray, ...], np.ndarray, np.ndarray]:
@@ -101,3 +116,28 @@ def rows(model: ccpin.ReducedModel, count: int) -> tuple[tuple[np.ndarray, ...],
         for each in (q, found["sigma"], beside["sigma"])
     )
     return (q, rng.normal(size=(count, n)), rng.normal(size=(count, model.n_actuated))), y, near
+
+
+def environments(name: str, options: Options) -> Iterator[Measured]:
+    """Seconds a step of one of many environments: whole episodes of random efforts, each of them started anew."""
+    subject = short_name(name)
+    try:
+        from ccpin.gym import MechanismVectorEnv
+    except CcpinError as error:
+        yield Measured(PART, subject, "an environment's step", LANES, None, note=str(error))
+        return
+    count = min(ENVIRONMENTS, options.rows)
+    for word, threads in THREADS.items():
+        envs = MechanismVectorEnv(name, count, horizon=EPISODE, effort=EFFORT, threads=threads)
+        envs.action_space.seed(0)
+        actions = [envs.action_space.sample() for _ in range(EPISODE if options.deep else 2)]
+        envs.reset(seed=0)
+        stamps, ended = [time.perf_counter()], 0
+        for _ in range(min(options.rounds, 3)):
+            for action in actions:
+                _, _, over, _, _ = envs.step(action)
+                ended += int(over.sum())
+            stamps.append(time.perf_counter())
+        seconds = float(np.median([b - a for a, b in pairwise(stamps)])) / (count * len(actions))
+        note = f"{1.0 / seconds:,.0f} steps/s of {count} at once, {envs.backend}, {ended} ended before their time"
+        yield Measured(PART, subject, f"an environment's step, {word}", LANES, seconds, note=note)

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from xml.etree import ElementTree
 
 import numpy as np
@@ -15,7 +16,7 @@ from ccpin.description.finding import installed_models
 from ccpin.description.model import Joint, Link, LoopClosure, MechanismDescription
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism.poses.closure_gaps import gaps
-from tests.support.places import MODELS, SHARED
+from tests.support.places import MODELS, ROOT, SHARED
 from tests.support.urdf_gaps import pinocchio_gaps
 
 FOUR_BAR = (MODELS / "four_bar.urdf").read_text(encoding="utf-8")
@@ -400,3 +401,21 @@ def test_files_by_others_are_judged(name, code, mobility, capsys):
     root = ElementTree.parse(path).getroot()
     if root.tag == "robot":
         assert facts["mass"] == pytest.approx(sum(float(mass.get("value")) for mass in root.iter("mass")))
+
+
+def test_a_tree_whose_loops_are_in_the_file_beside_it(tmp_path, capsys):
+    """It is named, whatever it is called; a YAML that declares none, or is about another URDF, is not."""
+    beside, tree = tmp_path / "loops.yaml", tmp_path / "robot.urdf"
+    shutil.copy(ROOT / "docs/elements/toolbox/robot.urdf", tree)
+    assert main(["check", str(tree)]) == 1
+    assert "declares its loops" not in capsys.readouterr().err
+    beside.write_text("joints: [closed_loop]\n", encoding="utf-8")
+    assert main(["check", str(tree)]) == 1
+    assert "declares its loops" not in capsys.readouterr().err
+    shutil.copy(ROOT / "docs/elements/toolbox/robot.yaml", beside)
+    assert main(["check", str(tree)]) == 1
+    assert f"'{beside}' declares its loops" in capsys.readouterr().err
+    assert main(["check", str(beside)]) == 0
+    other = shutil.copy(tree, tmp_path / "other.urdf")
+    assert main(["check", str(other)]) == 1
+    assert "declares its loops" not in capsys.readouterr().err

@@ -40,6 +40,7 @@ def test_a_help_fits_eighty_columns(name, monkeypatch):
         *("new", "info", "check", "modes", "simulate", "merge", "verify", "view", "convert", "export", "doctor"),
         "examples",
         pytest.param("domain", marks=pytest.mark.slow),
+        pytest.param("transmission", marks=pytest.mark.slow),
     ],
 )
 def test_a_command_shows_examples_that_run(name, tmp_path, monkeypatch, capsys):
@@ -106,6 +107,16 @@ printf '%s\\n' "${{COMPREPLY[@]}}"
 """
     done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path)
     assert set(done.stdout.split()) == found, done.stderr
+
+
+def test_friction_is_of_independent_joints(capsys):
+    """Which joints its numbers are of is in the help."""
+    with pytest.raises(SystemExit):
+        main(["simulate", "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    assert (
+        "--friction-coulomb F [F ...] level, N m or N: one for each independent joint, or one for all of them" in said
+    )
 
 
 @pytest.mark.parametrize(

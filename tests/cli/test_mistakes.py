@@ -5,8 +5,10 @@ import re
 
 import pytest
 
+import ccpin
 from ccpin.cli import main
 from ccpin.cli.notes import gathered
+from ccpin.errors import DescriptionError, InvalidInputError
 from tests.support.places import MODELS, ROOT
 
 
@@ -152,3 +154,23 @@ def test_the_page_tells_mistakes_as_they_are_told(capsys):
     assert len(rows) == 5
     for typed, told in rows:
         assert told in said(typed.split(), capsys)[1]
+
+
+def test_fixed_joints_are_not_what_was_meant(tmp_path):
+    """An exporter's frames: nothing can be stated of them, and they are not proposed."""
+    text = (MODELS / "four_bar.urdf").read_text(encoding="utf-8")
+    frame = '<link name="tip"/><joint name="crankx_frame" type="fixed"><parent link="base"/><child link="tip"/></joint>'
+    path = tmp_path / "framed.urdf"
+    path.write_text(text.replace("</robot>", f"{frame}</robot>"), encoding="utf-8")
+    with pytest.raises(InvalidInputError, match="'crankx_frames' is no joint; ") as told:
+        ccpin.load(path, joints={"crankx_frames": {"effort": 1.0}})
+    assert "crankx_frame'" not in str(told.value).replace("'crankx_frames'", "")
+    assert "crankx_frame," not in str(told.value)
+    marked = text.replace(
+        "</robot>",
+        f'{frame}<group_state name="reference" group="all"><joint name="crankx_fram" value="0"/></group_state></robot>',
+    )
+    path.write_text(marked, encoding="utf-8")
+    with pytest.raises(DescriptionError) as said:
+        ccpin.load(path)
+    assert "did you mean" not in str(said.value)

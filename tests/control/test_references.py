@@ -1,5 +1,6 @@
 """References: their derivatives, their ends, and that they stay where q lives."""
 
+import inspect
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 import ccpin
 from ccpin import EndEffector
-from ccpin.control import Hold, PointToPoint, Waypoints, through_points
+from ccpin.control import ComputedTorque, Hold, PointToPoint, Waypoints, through_points
 from ccpin.errors import InvalidInputError, UnreachableTargetError, UnsupportedMechanismError
 from tests.oracles import rpdr
 from tests.oracles.finite_differences import derivative
@@ -179,3 +180,20 @@ def test_bad_durations_are_refused(model):
     for duration in (0.0, -1.0, np.nan):
         with pytest.raises(InvalidInputError, match="duration"):
             PointToPoint(model, A, B, duration)
+
+
+def test_a_model_that_comes_last_is_told_of(model):
+    """The order is in the message, as it is where something else begins."""
+    for arguments in ((A, B, 1.0, model), (A, model, B, 1.0)):
+        with pytest.raises(InvalidInputError, match=r"PointToPoint\(model, q_start, q_goal, duration\) begins with"):
+            PointToPoint(*arguments)
+
+
+def test_the_docstrings_example_runs(model):
+    """Its lines as they stand; the efforts are those of the law that follows the motion exactly."""
+    lines = inspect.cleandoc(PointToPoint.__doc__).partition("::")[2].splitlines()
+    scope = {"PointToPoint": PointToPoint, "model": model}
+    exec("\n".join(line.strip() for line in lines), scope)
+    law = ComputedTorque(model, scope["reference"], 100.0, 20.0)
+    wanted = scope["wanted"]
+    assert scope["u"] == pytest.approx(law.torque(0.2, model.at(wanted.q), wanted.v))

@@ -18,8 +18,9 @@ ASKED = {
     "delta": ({}, {"arm": 0.524, "forearm": 1.244}, {"base": 0.05, "platform": 0.1, "width": 0.2}),
     "stewart": ({}, {"base": 0.3, "platform": 0.3, "height": 0.2}, {"platform": 0.15, "height": 0.6}),
     "ankle": ({}, {"crank": 0.04, "heel": 0.06}, {"crank": 0.08, "heel": 0.05, "shank": 0.4, "width": 0.12}),
+    "knee": ({}, {"crank": 0.04, "lever": 0.07}, {"thigh": 0.5, "crank": 0.05}),
 }
-FREEDOMS = {"five-bar": 2, "delta": 3, "stewart": 6, "ankle": 2}
+FREEDOMS = {"five-bar": 2, "delta": 3, "stewart": 6, "ankle": 2, "knee": 1}
 every_draft = pytest.mark.parametrize(("kind", "asked"), [(kind, one) for kind in ASKED for one in ASKED[kind]])
 
 
@@ -99,6 +100,9 @@ def lengths_of(kind, path, stated):
         }
     if kind == "stewart":
         return {"base": np.hypot(*at("leg3_roll")[:2]), "height": at("platform_pose")[2]}
+    if kind == "knee":
+        rod = data.oMi[model.getJointId("rod_swing")].translation
+        return {"thigh": at("motor")[2] - at("knee")[2], "crank": at("motor")[0] - rod[0]}
     return {"shank": at("left_motor")[2], "crank": at("left_motor")[0] - at("left_swing")[0]} | {
         "width": at("left_motor")[1] - at("right_motor")[1]
     }

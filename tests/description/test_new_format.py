@@ -40,5 +40,5 @@ def test_messages_list_a_new_format(ring, tmp_path):
     (tmp_path / "file").write_text("{}")
     with pytest.raises(AmbiguousFormatError, match="'closed_loop' or 'corners' key"):
         ccpin.load(tmp_path / "file")
-    with pytest.raises(InvalidInputError, match="urdf, sdf, mjcf, toolbox, ring"):
+    with pytest.raises(InvalidInputError, match="urdf, sdf, mjcf, toolbox, drake, isaac, ring"):
         ccpin.load("four_bar").save(tmp_path / "out.txt")

@@ -24,6 +24,7 @@ from tests.mutants.rooms import (
     singular,
     stability,
     theorem2,
+    transmission,
     validated,
 )
 from tests.mutants.running import SOURCES, source_of
@@ -39,6 +40,7 @@ _AREAS = (
     folds_and_cusps,
     stability,
     validated,
+    transmission,
     auditing,
 )
 ROOMS: tuple[Room, ...] = tuple(room for area in _AREAS for room in area.ROOMS)

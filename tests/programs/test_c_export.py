@@ -97,9 +97,7 @@ def test_a_header_that_computes_something_else_is_noticed(loaded, tmp_path):
         name, _, value = whole[k].partition(" = ")
         whole[k] = f"{name} = 1.01 * ({value.rstrip(';')});"
         changes.append("\n".join(whole) + "\n")
-    changes.append(
-        text.replace("f_NOT_CONVERGED : f_SINGULAR", "f_SINGULAR : f_SINGULAR").replace("ok ? f_OK", "0 ? 0")
-    )
+    changes.append(text.replace("return status;", "return !status;"))
     unnoticed = 0
     for changed in changes:
         header.write_text(changed)
@@ -208,3 +206,22 @@ def test_the_command_line_writes_where_it_is_told(tmp_path, monkeypatch, capsys)
     assert "wrote deep/er/law.h, deep/er/law_test.c" in capsys.readouterr().out
     subprocess.run([compiler(), *STRICT, "law_test.c", "-o", "law", "-lm"], check=True, cwd=tmp_path / "deep" / "er")
     subprocess.run(["./law"], check=True, cwd=tmp_path / "deep" / "er", capture_output=True)
+
+
+@pytest.mark.parametrize("law", later("computed_torque", "pd_plus", "online"))
+def test_the_command_line_knows_laws_that_track(law, tmp_path, capsys):
+    """Their reference is an input; the help says of their efforts what the header says; no law at all is refused."""
+    asked = ["export", "rpdr", "--what", "sigma", "torque", "--given", "near", "--law", law, "--name", "law"]
+    assert main([*asked, "--out", str(tmp_path)]) == 0
+    assert "not clipped to the motors' limits" in capsys.readouterr().out
+    text = (tmp_path / "law.h").read_text()
+    assert "in  q_d[2], rad: joint1, joint2" in text
+    assert "not clipped" in text
+    subprocess.run([compiler(), *STRICT, "law_test.c", "-o", "law", "-lm"], check=True, cwd=tmp_path)
+    subprocess.run(["./law"], check=True, cwd=tmp_path, capture_output=True)
+    with pytest.raises(SystemExit):
+        main(["export", "rpdr", "--what", "torque", "--law", "none", "--out", str(tmp_path / "none")])
+    assert main(["export", "rpdr", "--what", "law", "--out", str(tmp_path / "none")]) == 1
+    assert "did you mean 'torque'" in capsys.readouterr().err
+    assert main(["export", "rpdr", "--what", "torque", "--moving", "--name", "to", "--out", str(tmp_path)]) == 0
+    assert "g_d[2], N m or N" in (tmp_path / "to.h").read_text()

@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import stat
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,11 @@ import ccpin
 from ccpin import programs
 from ccpin.errors import CcpinError
 from ccpin.programs import compiling
+from ccpin.programs.certified_region import CertifiedRegion
 from ccpin.programs.compiling import DIGEST, LIBRARY, NoCompilerError, compiler
-from ccpin.programs.lanes import CompiledProgram
+from ccpin.programs.instructions import SCALE
+from ccpin.programs.lanes import CompiledProgram, Width, _made_of, source
+from ccpin.programs.program import Port
 
 try:
     FOUND = compiler()[0]
@@ -212,3 +216,34 @@ def test_two_processes_at_once(program, tmp_path):
         jobs = [pool.submit(_together, str(tmp_path / "program.json"), str(tmp_path)) for _ in range(4)]
         assert all(job.result() for job in jobs)
     assert len(kept(Path(tmp_path) / "ccpin" / "programs")) == 1
+
+
+def test_all_that_decides_the_text_decides_the_library(program, tmp_path):
+    """A constant, an order, a check, a format or a width of its own: another library; a loaded program has the same."""
+    n = program.code.inputs
+    first = next(item for item in program.code.instructions if item.kind == SCALE)
+    changed = tuple(
+        item._replace(constant=-item.constant) if item is first else item for item in program.code.instructions
+    )
+    others = [
+        replace(program, code=program.code._replace(instructions=changed)),
+        replace(program, code=program.code._replace(outputs=program.code.outputs[::-1])),
+        replace(program, pivots=tuple(pivot._replace(scale=2.0 * pivot.scale) for pivot in program.pivots)),
+        replace(program, corrections=(program.code.outputs[0],)),
+        replace(program, corrections=(program.code.outputs[0],), tolerance=1.0),
+        replace(program, outputs=(*program.outputs, Port("more", (0,), "", ()))),
+        replace(program, region=CertifiedRegion((-1.0,) * n, (1.0,) * n, ("double", "float"), "")),
+        replace(program, region=CertifiedRegion((-1.0,) * n, (1.5,) * n, ("double", "float"), "")),
+    ]
+    deciding = {"inputs", "outputs", "code", "pivots", "corrections", "tolerance", "region"}
+    assert {field.name for field in fields(program)} == deciding | {"name", "example", "around", "notes", "source"}
+    wide, narrow = Width("avx512", (), 64), Width("sse2", (), 32)
+    keys = [_made_of(each, "double", wide) for each in (program, *others)]
+    keys += [_made_of(program, "float", wide), _made_of(program, "double", narrow)]
+    assert len(set(keys)) == len(keys)
+    texts = [source(each, "double", wide) for each in (program, *others)]
+    assert len(set(texts)) == len(texts)
+    program.save(tmp_path / "program.json")
+    again = programs.Program.load(tmp_path / "program.json")
+    assert _made_of(again, "double", wide) == keys[0]
+    assert source(again, "double", wide) == texts[0]

@@ -218,14 +218,27 @@ def test_programs_cannot_be_written_to(rpdr_model):
 def test_a_balls_spring_has_its_function_and_derivatives():
     """g(w) = 2 arccos(w)/√(1 − w²) and its derivatives beside Gauss's series, where ours takes over and elsewhere."""
     flint = pytest.importorskip("flint")
+    from tests.support.programs import exact_gain
+
     for w in (-0.9, -0.2, 0.3, 0.499, 0.5, 0.7, 0.999, 1.0):
         for order in range(4):
-            z = (1 - flint.arb(w)) / 2
-            factor = flint.arb(2)
-            for k in range(order):
-                factor = factor * flint.fmpq(-1, 2) * (1 + k) * (1 + k) / (flint.fmpq(3, 2) + k)
-            true = factor * z.hypgeom_2f1(1 + order, 1 + order, flint.fmpq(3, 2) + order)
-            assert float(gain(np.array(w), order, np)) == pytest.approx(float(true.mid()), rel=3e-13)
+            true = float(exact_gain(flint.arb(w), order).mid())
+            assert float(gain(np.array(w), order, np)) == pytest.approx(true, rel=3e-13)
+
+
+def test_nothing_may_depend():
+    """Where closures hold by themselves σ has nothing to find: from near by it is the program of closed ones."""
+    described = ccpin.load("four_bar").description
+    closures = tuple(replace(closure, kind="planar") for closure in described.closures)  # in the plane all move in
+    joints = ["crank", "coupler", "rocker"]
+    model = ccpin.ReducedModel(ccpin.load(replace(described, closures=closures), independent=joints))
+    assert model.n == model.mechanism.n_free
+    near, closed = (programs.record(model, ("sigma", "mass"), given=given) for given in ("near", "closed"))
+    for state, numbers, _, _ in states(model, 2):
+        found = near(**numbers)
+        assert (found.status, found["sigma"].shape) == (0, (0,))
+        np.testing.assert_array_equal(found["mass"], closed(**numbers)["mass"])
+        close(found["mass"], state.D)
 
 
 # Every kind of joint.

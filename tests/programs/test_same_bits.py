@@ -77,7 +77,7 @@ int main(void)
     if (fread(in, sizeof(S) * {reads}, (size_t)n, stdin) != (size_t)n) return 1;
     void *const tables[] = {{{tables}}};
     const long steps[] = {{{steps}}};
-    many(n, tables, steps, status);
+    many(0, n, tables, steps, status);
     fwrite(out, sizeof(S) * {gives}, (size_t)n, stdout);
     fwrite(status, sizeof(int), (size_t)n, stdout);
     return 0;
@@ -110,3 +110,30 @@ def test_neon_has_the_same(asked, format, tmp_path):
     found = np.frombuffer(done.stdout[: -4 * ROWS], dtype=kind).reshape(ROWS, gives)
     status = np.frombuffer(done.stdout[-4 * ROWS :], dtype=np.int32)
     same(found, status, c_answers(program, rows, PRECISIONS[format]))
+
+
+def test_what_is_no_angle_has_one_status(tmp_path, monkeypatch):
+    """NaN, infinities and angles from 1e5 rad on, in any input: NumPy's, C's, the lanes' and the bits' are the same."""
+    compiler()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    model = ccpin.ReducedModel(ccpin.load("slider_crank"))
+    program = programs.record(model, ["sigma", "v_free"], given="near", steps=1)
+    wrong = (np.nan, np.inf, -np.inf, 1e6, -1e6, 1e5, -1e5, np.nextafter(1e5, 0.0), 1e200)
+    example = np.array(program.example)
+    rows = np.tile(example, (len(example), len(wrong), 1))
+    for k in range(len(example)):
+        rows[k, :, k] = wrong
+    rows = np.vstack([rows.reshape(-1, len(example)), example])
+    given = np.split(rows, np.cumsum([port.size for port in program.inputs])[:-1], axis=1)
+    status = program(**dict(zip((port.name for port in program.inputs), given, strict=True))).status
+    angles = [k for k, name in enumerate((*program.inputs[0].entries, *program.inputs[1].entries)) if name != "slider"]
+    by_input = status[:-1].reshape(len(example), len(wrong))
+    assert (by_input[angles, :7] == 1).all()
+    assert (by_input[angles, 7] != 1).any()
+    assert status[-1] == 0
+    np.testing.assert_array_equal(status, exported(program, tmp_path)(rows)[1])
+    np.testing.assert_array_equal(status, programs.compiled(program)(*given)[-1])
+    np.testing.assert_array_equal(status, c_answers(program, rows, PRECISIONS["double"]).status)
+    for k in range(len(rows)):
+        one = {port.name: table[k] for port, table in zip(program.inputs, given, strict=True)}
+        assert program(**one).status == status[k]

@@ -24,6 +24,7 @@ from ccpin.proof.digests import Digests, UndigestedError, digest, require_same
 from ccpin.simulation.plant.stick_slip import friction_force
 from ccpin.simulation.results import saving
 from ccpin.simulation.results.forces import closure_forces_at
+from ccpin.transmission import Transmission
 
 GOAL, GAINS = [-1.57, -1.75], ([11.0, 11.0], [0.65, 0.60])
 REGION = (np.array([-1.65, -1.85]), np.array([-1.5, -1.65]))
@@ -92,6 +93,11 @@ def tracking(model):
     return control.ComputedTorque(model, PointToPoint(model, GOAL, [-1.5, -1.7], 0.5), [9.0, 9.0], [6.0, 6.0])
 
 
+def passive(things):
+    """From its motors to its passive joints."""
+    return Transmission(things.model, ["joint3", "joint4"])
+
+
 EVERY = ("lengths", "masses", "gravity")
 CLOSURES = ("lengths",)
 MECHANISMS = ("lengths", "masses")  # a State is of a mechanism, whatever gravity
@@ -151,6 +157,8 @@ CROSSED = {
         EVERY,
         lambda a, b: control.OnlineLaw(tracking(a.model), control.OnlineSigma(b.model, b.model.at(GOAL).q_free)),
     ),
+    "Transmission.at": (MECHANISMS, lambda a, b: passive(a).at(passive(b).reference.q_joint, b.model.at(GOAL))),
+    "Transmission.at_motor": (MECHANISMS, lambda a, b: passive(a).at_motor(GOAL, passive(b).at_motor(GOAL))),
     "Simulator.reset": (MECHANISMS, lambda a, b: a.simulator.reset(b.model.at(GOAL))),
 }
 ALLOWED = {
@@ -178,6 +186,7 @@ ALLOWED = {
     "cusps": "curves are where a search begins; each cusp is proved of the mechanism",
     "plot_singularities": "curves are arrays of numbers, drawn as they are",
     "Atlas.is_about": "asks just that",
+    "ProgramCertificate.is_about": "asks just that",
     "SheetAtlas.is_about": "asks just that",
     "SingularCover.is_about": "asks just that",
     "Mechanism": "made by load only",
@@ -204,7 +213,17 @@ KINDS += ("SingularC", "Enclosure", "Simulator", "OnlineSigma")
 
 def two_objects():
     """Public functions and methods that take, or are methods of one and take, two objects that are about something."""
-    rooms = ("dynamics", "domain", "control", "simulation", "validated", "visualization", "plotting", "mechanism")
+    rooms = (
+        "dynamics",
+        "domain",
+        "control",
+        "simulation",
+        "validated",
+        "visualization",
+        "plotting",
+        "mechanism",
+        "transmission",
+    )
     for room in rooms:
         module = import_module(f"ccpin.{room}")
         for name in module.__all__:

@@ -31,6 +31,7 @@ ORDER = (
     "visualization",
     "plotting",
     "pages",
+    "transmission",
     "paper",
     "report",
     "studio",

@@ -16,8 +16,16 @@ def ball_of(value):
     return flint.arb(flint.fmpq(exact.numerator, exact.denominator))
 
 
+def exact_gain(w, order):
+    """A derivative of g(w) = 2 arccos(w)/√(1 − w²) = 2 ₂F₁(1, 1; 3/2; (1 − w)/2) at a ball, by Gauss's series."""
+    factor = flint.arb(2)
+    for k in range(order):
+        factor = factor * flint.fmpq(-1, 2) * (1 + k) * (1 + k) / (flint.fmpq(3, 2) + k)
+    return factor * ((1 - w) / 2).hypgeom_2f1(1 + order, 1 + order, flint.fmpq(3, 2) + order)
+
+
 def exact_values(code, inputs):
-    """All outputs at inputs (balls or doubles), in balls: every kind of instruction but GAIN, written anew."""
+    """All outputs at inputs (balls or doubles), in balls: every kind of instruction without solves, written anew."""
     values = dict(enumerate(x if isinstance(x, flint.arb) else ball_of(float(x)) for x in inputs))
     does = {
         kinds.ADD: lambda i: values[i.a] + values[i.b],
@@ -30,6 +38,7 @@ def exact_values(code, inputs):
         kinds.RECIPROCAL: lambda i: 1 / values[i.a],
         kinds.ROOT: lambda i: values[i.a].sqrt(),
         kinds.ANGLE: lambda i: flint.arb.atan2(values[i.a], values[i.b]),
+        kinds.GAIN: lambda i: exact_gain(values[i.a], i.b),
     }
     for item in code.instructions:
         values[item.target] = does[item.kind](item)
@@ -52,7 +61,7 @@ def exact_sigma(source, q, y, steps=12):
         matrix = flint.arb_mat(m, m, [entry.mid() for entry in table])
         step = matrix.solve(flint.arb_mat(m, 1, [entry.mid() for entry in residual]))
         y = [(a - b).mid() for a, b in zip(y, step.entries(), strict=True)]
-        if max(abs(float(b.mid())) for b in step.entries()) < 1e-50:
+        if max((abs(float(b.mid())) for b in step.entries()), default=0.0) < 1e-50:
             break
     return y
 

@@ -20,6 +20,9 @@ COMMANDS: dict[str, Command] = {
         "whether a file's loops close, what moves, what drives it, what is wrong (exit code 4) or doubtful (3)",
     ),
     "modes": Command("info", "the assembly modes over a given q"),
+    "transmission": Command(
+        "transmission", "from motors to joints through the closed chain: ratios, rotor inertia, limits, shortcuts"
+    ),
     "simulate": Command("simulate", "a set-point motion, once or in cycles, with figures and data"),
     "domain": Command("domain", "where the model holds: certified radii, an atlas, singular curves"),
     "merge": Command(

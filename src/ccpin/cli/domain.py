@@ -15,7 +15,7 @@ import shtab
 from ccpin.arrays import Array
 from ccpin.cli.certificates import curve_facts, curves_in_words, sheet_facts, sheets_in_words
 from ccpin.cli.command import INTERRUPTED, add_command, complete, count, index, judged
-from ccpin.cli.options import add_mechanism, add_vector, load, vector
+from ccpin.cli.options import add_mechanism, add_vector, load, region, vector
 from ccpin.cli.progress import busy, progress_bar
 from ccpin.cli.reaching import explained
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -74,14 +74,14 @@ def _domain(options: argparse.Namespace) -> int:
     from ccpin import domain
 
     mechanism = load(options)
-    region = _region(options, mechanism)
+    corners = region(options, mechanism)
     if options.sheets:
-        return _sheets(options, mechanism, region)
+        return _sheets(options, mechanism, corners)
     if options.curves:
-        return _curves(options, mechanism, region)
+        return _curves(options, mechanism, corners)
     model, asked = ReducedModel(mechanism), vector(options, "centre", mechanism)
-    if asked is None and region is not None and model.nq == model.n:
-        asked = np.mean(region, axis=0)
+    if asked is None and corners is not None and model.nq == model.n:
+        asked = np.mean(corners, axis=0)
     with explained(options, model, options.centre_deg is not None or options.lower_deg is not None):
         q_free = mechanism.q_reference if asked is None else model.sigma(asked)
     centre = domain.scalar_coordinates_at(mechanism, q_free)
@@ -95,14 +95,14 @@ def _domain(options: argparse.Namespace) -> int:
         "theorem2_form": theorem.description,
         "kantorovich_radius": one_box,
     }
-    atlas, mapped = None, options.atlas or region is not None or options.plot
+    atlas, mapped = None, options.atlas or corners is not None or options.plot
     if mapped or mechanism.n <= 2 or options.save:
         depth = options.depth if mapped else 0
         with _executor(options.scheduler) as executor, progress_bar(options.json, 100.0, _BAR, _progress) as progress:
             atlas = domain.certify(
                 mechanism,
                 centre,
-                region,
+                corners,
                 q_free,
                 max_depth=depth,
                 workers=options.workers,
@@ -167,13 +167,6 @@ def _curves(options: argparse.Namespace, mechanism: Mechanism, region: tuple[Arr
     facts = curve_facts(cover)
     print(json.dumps(facts, indent=2) if options.json else f"{mechanism.name}: {curves_in_words(facts)}")
     return judged(cover.verdict, cover.complete)
-
-
-def _region(options: argparse.Namespace, mechanism: Mechanism) -> tuple[Array, Array] | None:
-    lower, upper = (vector(options, name, mechanism, scalar=True) for name in ("lower", "upper"))
-    if (lower is None) != (upper is None):
-        raise InvalidInputError("a region needs both its corners, --lower and --upper (or --lower-deg and --upper-deg)")
-    return None if lower is None or upper is None else (lower, upper)
 
 
 def _atlas_facts(atlas: Any) -> dict[str, Any]:

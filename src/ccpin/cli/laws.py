@@ -1,21 +1,46 @@
-"""The law of a set point, as options say it."""
+"""A law, as options say it."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
 from ccpin.cli.command import positive
 from ccpin.cli.options import each
-from ccpin.control import ControlLaw, PDFullGravity, PDSimpleGravity, local_gains
+from ccpin.control import (
+    ComputedTorque,
+    ControlLaw,
+    Hold,
+    PDFullGravity,
+    PDOnlineGravity,
+    PDPlus,
+    PDSimpleGravity,
+    local_gains,
+)
 from ccpin.control.control_law import NoTorque
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 
+TRACKING: dict[str, Callable[..., ControlLaw]] = {
+    "online": PDOnlineGravity,
+    "pd_plus": PDPlus,
+    "computed_torque": ComputedTorque,
+}
+_RATE = 10.0  # rad/s, of computed torque: K_p = ω², K_v = 2ω
+
 
 def add_law(parser: argparse.ArgumentParser) -> None:
-    """Which law, and its gains."""
+    """Which law of a set point, and its gains."""
     parser.add_argument("--law", choices=("simple", "full", "none"), default="simple", help="gravity compensation")
+    add_gains(parser)
+
+
+def add_gains(parser: argparse.ArgumentParser) -> None:
+    """The gains of a law."""
     parser.add_argument(
         "--kp",
         nargs="+",
@@ -34,12 +59,18 @@ def law_of(model: ReducedModel, options: argparse.Namespace, goal: Array, q_free
     """
     if options.law == "none":
         return NoTorque(model)
-    law = PDSimpleGravity if options.law == "simple" else PDFullGravity
-    if options.kp is None and options.kv is None:
-        return law(model, goal, *local_gains(model, goal, near=q_free), q_free)
-    if options.kp is None or options.kv is None:
+    if (options.kp is None) != (options.kv is None):
         raise InvalidInputError("--kp and --kv belong together (one for each independent velocity, or one number)")
-    return law(model, goal, _gain(options, "kp", model.n), _gain(options, "kv", model.n), q_free)
+    if options.kp is not None:
+        gains: tuple[ArrayLike, ArrayLike] = _gain(options, "kp", model.n), _gain(options, "kv", model.n)
+    elif options.law == "computed_torque":
+        gains = np.full(model.n, _RATE**2), np.full(model.n, 2 * _RATE)
+    else:
+        gains = local_gains(model, goal, near=q_free)
+    if options.law in TRACKING:
+        return TRACKING[options.law](model, Hold(model, goal), *gains, q_free)
+    law = PDSimpleGravity if options.law == "simple" else PDFullGravity
+    return law(model, goal, *gains, q_free)
 
 
 def _gain(options: argparse.Namespace, name: str, n: int) -> float | tuple[float, ...]:

@@ -160,6 +160,18 @@ def vector(options: argparse.Namespace, name: str, mechanism: Mechanism, scalar:
     return np.asarray(np.radians(degrees), dtype=np.float64)
 
 
+def region(options: argparse.Namespace, mechanism: Mechanism) -> tuple[Array, Array] | None:
+    """The corners of a region of q, of --lower and --upper; ``None`` where there is none.
+
+    Raises:
+        InvalidInputError: There is one alone.
+    """
+    lower, upper = (vector(options, name, mechanism, scalar=True) for name in ("lower", "upper"))
+    if (lower is None) != (upper is None):
+        raise InvalidInputError("a region needs both its corners, --lower and --upper (or --lower-deg and --upper-deg)")
+    return None if lower is None or upper is None else (lower, upper)
+
+
 def _hint_at_degrees(options: argparse.Namespace, name: str, values: list[float], mechanism: Mechanism) -> None:
     """Say that angles beyond a turn look like degrees: a note, as a joint may turn often.
 
@@ -189,9 +201,15 @@ def _counted(option: str, values: list[float], wanted: int, mechanism: Mechanism
 def add_bench(parser: argparse.ArgumentParser) -> None:
     """What makes a simulated bench a real one: friction, sampling, encoders, filter, delay, limits, motors."""
     bench = parser.add_argument_group("the bench as it is", "each off by default but the motors' limits of effort")
-    bench.add_argument("--friction-coulomb", nargs="+", type=nonnegative, metavar="F", help="N m or N, one or n")
     bench.add_argument(
-        "--friction-viscous", nargs="+", type=nonnegative, metavar="B", help="N m s/rad or N s/m, one or n"
+        "--friction-coulomb",
+        nargs="+",
+        type=nonnegative,
+        metavar="F",
+        help="level, N m or N: one for each independent joint, or one for all of them (default: what the file states)",
+    )
+    bench.add_argument(
+        "--friction-viscous", nargs="+", type=nonnegative, metavar="B", help="N m s/rad or N s/m, of the same joints"
     )
     bench.add_argument("--sample-rate", type=positive, metavar="HZ", help="run the law as a sampled loop")
     bench.add_argument("--encoder-counts", nargs="+", type=positive, metavar="N", help="counts per turn (or metre)")

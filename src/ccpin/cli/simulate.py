@@ -17,12 +17,14 @@ from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settin
 from ccpin.cli.progress import busy
 from ccpin.cli.reaching import explained
 from ccpin.control import ControlLaw
+from ccpin.dynamics.drives import HELD
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation import Settling, exceeded, supervise
 from ccpin.simulation.integration.simulator import METHODS, Simulator
-from ccpin.simulation.results.metrics import set_point_metrics
+from ccpin.simulation.results.limit_violations import at_effort_limits
+from ccpin.simulation.results.metrics import band_in_words, set_point_metrics
 from ccpin.simulation.results.trajectory import Trajectory
 from ccpin.simulation.studies.supervision import SupervisedMotion
 
@@ -131,23 +133,24 @@ def _write(out: Path, mechanism: Mechanism, trajectory: Trajectory, goals: Array
 
 
 def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[str, Any], out: Path | None) -> str:
-    lines = [
-        f"{mechanism.name}: {trajectory.status}, {trajectory.message} ({trajectory.evaluations} evaluations)",
-        f"largest closure error {trajectory.closure_error.max():.1e}",
-    ]
-    for k, metric in enumerate(result["moves"], start=1):
-        settled, (band, off) = metric["settling_time"], _in_units(mechanism, metric)
-        lines.append(
-            f"move {k}: "
-            + (f"not within ±{band}" if settled is None else f"within ±{band} from {settled:.3f} s on")
-            + f", {off} off at the end, peak effort {np.round(metric['peak_torque'], 3).tolist()}"
-        )
-    cut = ", ".join(f"{name} for {share:.0%}" for name, share in _at_limits(mechanism, trajectory).items())
+    cut = ", ".join(f"{name} for {share:.0%}" for name, share in at_effort_limits(mechanism, trajectory.u).items())
+    lines = [note for note in trajectory.notes if HELD in note]
     lines += [f"efforts at their limits: {cut} of the samples (--effort-limits ignore leaves them out)"] if cut else []
     lines += [
         f"{one['quantity']} of {one['joint']} beyond {one['limit']:.4g}: {one['extreme']:.4g}"
         for one in result["exceeded"]
     ]
+    lines += [
+        f"{mechanism.name}: {trajectory.status}, {trajectory.message} ({trajectory.evaluations} evaluations)",
+        f"largest closure error {trajectory.closure_error.max():.1e}",
+    ]
+    for k, metric in enumerate(result["moves"], start=1):
+        settled, band, off = metric["settling_time"], band_in_words(mechanism, metric["band"]), _off(mechanism, metric)
+        lines.append(
+            f"move {k}: "
+            + (f"not within ±{band}" if settled is None else f"within ±{band} from {settled:.3f} s on")
+            + f", {off} off at the end, peak effort {np.round(metric['peak_torque'], 3).tolist()}"
+        )
     lines += [f"note: {note}" for note in trajectory.notes if note.startswith("stepped in Python")]
     if out is not None:
         pictures = "figures, data and animation" if trajectory.status != "interrupted" else "what was computed is"
@@ -155,18 +158,10 @@ def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[
     return "\n".join(lines)
 
 
-def _in_units(mechanism: Mechanism, metric: dict[str, Any]) -> tuple[str, str]:
-    """A move's band, and how far off each coordinate is at its end: angles in degrees, lengths in millimetres."""
+def _off(mechanism: Mechanism, metric: dict[str, Any]) -> str:
+    """How far off each coordinate is at a move's end: angles in degrees, lengths in millimetres."""
     slides = [slide for part in mechanism.parametrization().coordinates.parts for slide in part.slides]
     units = [(1e3, " mm") if slide else (np.degrees(1.0), "°") for slide in slides]
-    bands = [f"{scale * metric['band']:.3g}{unit}" for scale, unit in dict.fromkeys(units)]
     errors = zip(metric["steady_state_error"], units, strict=True)
     off = [f"{scale * error:.2f}{unit}" for error, (scale, unit) in errors]
-    return " or ".join(bands), " and ".join(filter(None, [", ".join(off[:-1]), *off[-1:]]))
-
-
-def _at_limits(mechanism: Mechanism, trajectory: Trajectory) -> dict[str, float]:
-    """The motors whose effort was cut off at a limit, by joint, and for which share of the samples."""
-    lower, upper = mechanism.motors.limits.T
-    at = (trajectory.u == lower) | (trajectory.u == upper)
-    return {name: float(share) for name, share in zip(mechanism.actuated, at.mean(axis=0), strict=True) if share > 0.0}
+    return " and ".join(filter(None, [", ".join(off[:-1]), *off[-1:]]))

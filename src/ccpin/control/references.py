@@ -92,9 +92,20 @@ class PointToPoint(Reference):
 
     Raises:
         InvalidInputError: Bad coordinates, or a duration that is not positive.
+
+    Example:
+        Half a second from the reference to a goal, and what the motors give on the way::
+
+            reference = PointToPoint(model, model.alpha(model.mechanism.q_reference), [-1.57, -1.75], 0.5)
+            wanted = reference.at(0.2)
+            u = model.at(wanted.q).inverse_dynamics(wanted.v, wanted.a)
     """
 
     def __init__(self, model: Mechanism | ReducedModel, q_start: ArrayLike, q_goal: ArrayLike, duration: float) -> None:
+        if not isinstance(getattr(model, "mechanism", model), Mechanism):
+            raise InvalidInputError(
+                f"PointToPoint(model, q_start, q_goal, duration) begins with the model, not {type(model).__name__}"
+            )
         self.duration = positive(duration, "duration", "a positive number of seconds")
         self._coordinates = coordinates_of(model)
         self._q_start, self._q_goal = (np.array(checked_q(self._coordinates, q)) for q in (q_start, q_goal))

@@ -229,16 +229,15 @@ class _Checker:
                 raise self.fail(element, "every coefficient is zero")
 
     def marks_are_sound(self) -> None:
+        movable = [joint.name for joint in self.d.joints if joint.kind != FIXED]
         for role, names in (("independent", self.d.independent), ("actuated", self.d.actuated)):
             for name in names or ():
                 if split_component(name, self.joints)[0] not in self.joints:
-                    raise self.fail(f"joint '{name}'", f"is marked {role} but does not exist{hint(name, self.joints)}")
+                    raise self.fail(f"joint '{name}'", f"is marked {role} but does not exist{hint(name, movable)}")
         for pose in (self.d.reference, *self.d.poses.values()):
             for name, values in pose.items():
                 if name not in self.joints:
-                    raise self.fail(
-                        f"joint '{name}'", f"has a reference value but does not exist{hint(name, self.joints)}"
-                    )
+                    raise self.fail(f"joint '{name}'", f"has a reference value but does not exist{hint(name, movable)}")
                 self.is_sensible(f"joint '{name}'", values, "the reference value")
 
     def motors_are_sound(self) -> None:

@@ -1,4 +1,4 @@
-"""Mechanisms to start from, of a few lengths: five-bar, Delta, Gough–Stewart platform, two-rod ankle.
+"""Mechanisms to start from, of a few lengths: five-bar, Delta, Gough–Stewart platform, two-rod ankle, four-bar knee.
 
 Bars are solid aluminium cylinders whose radius is a thirtieth of their length, platforms aluminium discs whose
 thickness is a tenth of their radius, with the masses and inertias that these have. A motor may give ten times what
@@ -206,6 +206,24 @@ def _ankle(shank: float, crank: float, heel: float, width: float) -> MechanismDe
     return _whole("ankle", links, joints, closures, {}, ["left_motor", "right_motor"])
 
 
+def _knee(thigh: float, crank: float, lever: float, shank: float) -> MechanismDescription:
+    """A four-bar in the x-z plane: a crank up the thigh pulls a lever behind the knee through a rod.
+
+    Crank and lever stand horizontally behind motor and knee at zero; angles grow from +x towards −z.
+    """
+    rod = hypot(crank - lever, thigh)
+    down = frame_from_rpy((-crank, 0.0, 0.0), (0.0, atan2(crank - lever, -thigh), 0.0))
+    links = [Link("thigh"), _bar("shank", shank, Z, True), _bar("crank", crank, X, True), _bar("rod", rod, Z)]
+    joints = [
+        _turning("knee", "thigh", "shank", frame([0, 0, -thigh]), Y),
+        _turning("motor", "thigh", "crank", frame([0, 0, 0]), Y),
+        _turning("rod_swing", "crank", "rod", down, Y),
+    ]
+    along = rotation_to(Y)
+    pin = LoopClosure("lever", "revolute", "rod", "shank", frame([0, 0, rod], along), frame([-lever, 0, 0], along))
+    return _whole("knee", links, joints, [pin], {}, ["motor"])
+
+
 def _whole(
     name: str,
     links: list[Link],
@@ -233,6 +251,9 @@ DRAFTS: dict[str, Draft] = {
     "stewart": Draft("six legs of controlled length", {"base": 0.4, "platform": 0.25, "height": 0.45}, _stewart),
     "ankle": Draft(
         "a foot moved by two cranks and rods", {"shank": 0.25, "crank": 0.05, "heel": 0.05, "width": 0.08}, _ankle
+    ),
+    "knee": Draft(
+        "a four-bar: a crank bends a knee", {"thigh": 0.35, "crank": 0.06, "lever": 0.05, "shank": 0.35}, _knee
     ),
 }
 """What there is to start from."""

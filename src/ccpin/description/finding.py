@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.resources import files
 from itertools import islice
 from pathlib import Path
@@ -13,6 +14,8 @@ _IN_A_FOLDER = ("robot.yaml", "robot.urdf", "robot.xml")
 """What is looked for in a folder, in this order: a robot.yaml is about the robot.urdf beside it."""
 _BESIDE = 1000
 """How many names of a folder are looked through for one that was meant."""
+_READ = 128 * 1024
+"""How many bytes of a YAML."""
 
 
 def installed_models() -> dict[str, Path]:
@@ -50,6 +53,28 @@ def _beside(path: Path) -> list[str]:
         return [str(path.parent / other.name) for other in islice(path.parent.iterdir(), _BESIDE)]
     except OSError:
         return []
+
+
+def closing_file_of(urdf: str | None) -> Path | None:
+    """The YAML beside a URDF that declares its loops (`ccpin.description.toolbox`); ``None`` where there is none."""
+    path = Path(urdf or "")
+    if path.suffix.lower() != ".urdf" or not path.is_file():
+        return None
+    beside = [path.parent / Path(name).name for name in sorted(_beside(path))]
+    others = [other.name for other in beside if other.suffix.lower() == ".urdf" and other.name != path.name]
+    if path.name != "robot.urdf" and others:
+        return None
+    return next(
+        (other for other in beside if other.suffix.lower() in (".yaml", ".yml") and _declares_loops(other)), None
+    )
+
+
+def _declares_loops(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return re.search(rb"^closed_loop\s*:", file.read(_READ), re.MULTILINE) is not None
+    except OSError:
+        return False
 
 
 def read_file(path: str | Path) -> tuple[Path, bytes]:

@@ -12,6 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from ccpin.description.elements.meshes import with_meshes_beside
 from ccpin.description.finding import read_file
 from ccpin.description.model import MechanismDescription
 from ccpin.errors import AmbiguousFormatError, CcpinError, InvalidInputError
@@ -101,6 +102,18 @@ def _write_urdf(description: MechanismDescription, path: str | Path) -> tuple[st
     return write_urdf(description, path)
 
 
+def _write_drake(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
+    from ccpin.description.urdf.writer import write_urdf
+
+    return write_urdf(description, path, "drake")
+
+
+def _write_isaac(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
+    from ccpin.description.urdf.writer import write_urdf
+
+    return write_urdf(description, path, "isaac")
+
+
 def _read_sdf(source: Source) -> MechanismDescription:
     from ccpin.description.sdf.reader import sdf_description
 
@@ -142,8 +155,19 @@ FORMATS: dict[str, Format] = {
     "sdf": Format("SDFormat", (".sdf",), _read_sdf, _write_sdf, root="sdf"),
     "mjcf": Format("MJCF", (".xml", ".mjcf"), _read_mjcf, _write_mjcf, root="mujoco"),
     "toolbox": Format("toolbox", (".yaml", ".yml"), _read_toolbox, _write_toolbox, key="closed_loop"),
+    "drake": Format("URDF with Drake's constraints", (".urdf",), _read_urdf, _write_drake, root="robot", expands=True),
+    "isaac": Format("URDF with Isaac Sim's loops", (".urdf",), _read_urdf, _write_isaac, root="robot", expands=True),
 }
-"""Every format by name; a new entry is read, written, and offered by the command line."""
+"""Every format by name; a new entry is read, written, and offered by the command line.
+
+Of those with one suffix the first is written where only a path is given. A file shows that it is a URDF, never whose.
+"""
+
+
+def format_of(path: str | Path) -> str | None:
+    """The format that a path's suffix stands for, if there is one."""
+    suffix = Path(path).suffix.lower()
+    return next((name for name, known in FORMATS.items() if suffix in known.suffixes), None)
 
 
 def read_description(
@@ -185,7 +209,7 @@ def _recognised(source: Source) -> Format:
     found = next((known for known in FORMATS.values() if known.recognises(source)), None)
     if found is not None:
         return _fitting(found, source)
-    of_xml = [known for known in FORMATS.values() if known.root is not None]
+    of_xml = list({known.root: known for known in reversed(FORMATS.values()) if known.root is not None}.values())[::-1]
     if source.is_xml:
         from ccpin.description.elements.xml import tag
 
@@ -215,33 +239,60 @@ def _refuse_xacro(source: Source) -> None:
         raise fail(source.root, message)
 
 
+LOOPS = ("as_stated", "tight")
+"""How softly MuJoCo is told to hold loops."""
+MESHES = ("kept", "copied")
+"""Where the files that shapes are read from are to lie."""
+
+
 def write_description(
-    description: MechanismDescription, path: str | Path, format: str | None = None
+    description: MechanismDescription,
+    path: str | Path,
+    format: str | None = None,
+    *,
+    loops: str = "as_stated",
+    meshes: str = "kept",
 ) -> tuple[str, ...]:
     """Write a description as a file that `ccpin.load` and the format's own tools read.
 
     Args:
         description: What to write.
         path: The file; its suffix tells the format where `format` does not (.urdf, .sdf, .xml, .yaml).
-        format: ``"urdf"`` (with URDF+ loops), ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` (robot.yaml with its robot.urdf).
+        format: ``"urdf"`` (with URDF+ loops), ``"sdf"``, ``"mjcf"``, ``"toolbox"`` (robot.yaml with its robot.urdf),
+            ``"drake"`` or ``"isaac"`` (URDFs whose loops are Drake's constraints, or Isaac Sim's).
+        loops: Of MJCF, how softly MuJoCo holds the loops: ``"as_stated"`` by the file read (MuJoCo's own numbers where
+            it is silent), or ``"tight"``, as tightly as a step allows (`ccpin.description.mjcf.tightening`).
+        meshes: Whether mesh files stay where they are, named by their whole path (``"kept"``), or are copied into a
+            folder ``meshes`` beside the file and named from there (``"copied"``).
 
     Returns:
         What the description states and the format has no place for, in sentences.
 
     Raises:
-        InvalidInputError: The format is none of these, or the file cannot be written.
+        InvalidInputError: The format is none of these, ``loops="tight"`` where it is not MJCF, or a file cannot be
+            written.
         DescriptionError: The format has no words for something, by name.
         CcpinError: A library that writes the format does not load.
     """
+    for word, value, known in (("loops", loops, LOOPS), ("meshes", meshes, MESHES)):
+        if value not in known:
+            raise InvalidInputError(f"{word}={value!r:.80} is none of {', '.join(known)}")
     if not isinstance(path, str | Path):
         raise InvalidInputError(f"a file to write must be a path, not {type(path).__name__}")
-    by_suffix = {suffix: name for name, known in FORMATS.items() for suffix in known.suffixes}
-    wanted = by_suffix.get(Path(path).suffix.lower()) if format is None else format
+    wanted = format_of(path) if format is None else format
     if not isinstance(wanted, str) or wanted not in FORMATS:
         told = f"format {format!r:.80}" if format is not None else f"the suffix of '{path}'"
         raise InvalidInputError(
             f"{told} names none of {', '.join(FORMATS)}; say which: format=, or --to on the command line"
         )
+    if loops == "tight":
+        if wanted != "mjcf":
+            raise InvalidInputError(f"loops='tight' is about MuJoCo's soft loops: {wanted} states none")
+        from ccpin.description.mjcf.tightening import tightened
+
+        description = tightened(description)
+    if meshes == "copied":
+        description = with_meshes_beside(description, Path(path))
     try:
         return FORMATS[wanted].write(description, path)
     except ImportError as error:

@@ -235,6 +235,25 @@ class Coupling(Record):
     terms: tuple[CouplingTerm, ...]
 
 
+@dataclass(frozen=True)
+class SolverWords(Record):
+    """What an MJCF file tells MuJoCo's solver beside the mechanism, as written, for files that are written as MJCF.
+
+    Nothing here counts in ccpin, where closures hold exactly.
+
+    Attributes:
+        options: Attributes of ``<option>`` but gravity: time step, integrator, solver, tolerances, …
+        flags: Those of its ``<flag>`` that say nothing about the mechanism itself.
+        equalities: How soft a closure or coupling is (solref, solimp), by its name.
+        joints: How soft a joint's limits and dry friction are, by its name.
+    """
+
+    options: Mapping[str, str] = FrozenMapping()
+    flags: Mapping[str, str] = FrozenMapping()
+    equalities: Mapping[str, Mapping[str, str]] = FrozenMapping()
+    joints: Mapping[str, Mapping[str, str]] = FrozenMapping()
+
+
 @dataclass(frozen=True, eq=False)
 class MechanismDescription(Record):
     """All that a file says about a mechanism.
@@ -249,6 +268,7 @@ class MechanismDescription(Record):
             1-dof joint, a unit quaternion (x, y, z, w) for a spherical joint, (x, y, angle) for a planar one,
             position then quaternion for a floating one. Joints left out are at zero.
         poses: Further poses the file names, each like `reference`.
+        solver: What the file tells MuJoCo's solver.
         notes: What a reader had to assume or leave out, in sentences.
     """
 
@@ -268,6 +288,7 @@ class MechanismDescription(Record):
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     source: str | None = None
     notes: tuple[str, ...] = ()
+    solver: SolverWords = SolverWords()
 
     @property
     def size(self) -> float:

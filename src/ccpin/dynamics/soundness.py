@@ -170,7 +170,7 @@ def _of_motion(mechanism: Mechanism, drives: Drives) -> Iterator[Finding]:
         yield Finding("note", f"the motors drive {driven} of {n} freedoms, and the base floats")
     if motors > driven:
         yield Finding("note", f"{motors} motors for {driven} freedoms: some can work against each other")
-    yield from of_standing(drives, floating > 0)
+    yield from of_standing(mechanism, drives, floating > 0)
     if mobility.rows > mobility.rank:
         extra = mobility.rows - mobility.rank
         yield Finding("note", f"redundant rows: {extra} of {mobility.rows}, so that it moves for exact lengths only")

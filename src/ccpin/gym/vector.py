@@ -63,9 +63,11 @@ class MechanismVectorEnv(VectorEnv):  # type: ignore[misc]
     """N environments in one: observations are (q, q̇, goal), actions the motors' efforts, held for a period.
 
     An environment ends (terminated) where its state is refused: near a singular configuration, a step that does not
-    close, or numbers beyond all bounds; and where `done` says so. After `horizon` steps it is truncated. It starts
-    anew in the same step, with `info["final_obs"]` where `info["_final_obs"]`. Arrays are NumPy's, which share their
-    memory by DLPack (`torch.from_dlpack`).
+    close, or numbers beyond all bounds; and where `done` says so. After `horizon` steps it is truncated. How it starts
+    anew is one of Gymnasium's modes: in the same step, with `info["final_obs"]` and `info["final_info"]` where
+    `info["_final_obs"]`; in the next one, whose action is not looked at and whose reward is 0; or with
+    `reset(options={"reset_mask": …})` alone. `info` has `refused`, and the `parameters` of those that started.
+    Arrays are NumPy's own and new in every step; they share their memory by DLPack (`torch.from_dlpack`).
 
     Args:
         model: The reduced model, a mechanism, or what `ccpin.load` takes.
@@ -80,6 +82,7 @@ class MechanismVectorEnv(VectorEnv):  # type: ignore[misc]
             for every episode.
         period: How long an action is held, s. longest: Of an integrator's step, s.
         horizon: Steps of an episode.
+        autoreset_mode: `gymnasium.vector.AutoresetMode` or its value: `"SameStep"`, `"NextStep"`, `"Disabled"`.
         effort: Largest |u|, a number or (motors,), for motors that state no bounds; default those they state.
         threads: To step on.
 
@@ -92,7 +95,7 @@ class MechanismVectorEnv(VectorEnv):  # type: ignore[misc]
         UnsupportedMechanismError: q̇ is not the rate of q's numbers (a whole ball is independent).
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
 
     def __init__(
         self,
@@ -108,6 +111,7 @@ class MechanismVectorEnv(VectorEnv):  # type: ignore[misc]
         period: float = 0.02,
         longest: float = LONGEST,
         horizon: int = 100,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         effort: ArrayLike | None = None,
         threads: int = 1,
     ) -> None:
@@ -138,32 +142,66 @@ class MechanismVectorEnv(VectorEnv):  # type: ignore[misc]
         self._q, self._v, self._aim = (np.zeros((rows, n), order="F") for _ in range(3))
         self._y = np.zeros((rows, len(self._own.dependent)), order="F")
         self._p, self._age = np.zeros((rows, len(names))), np.zeros(rows, dtype=np.int64)
+        self._over: Mask | None = None  # which ended and are to start anew; none before the first reset
+        self._mode = _mode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode}  # type: ignore[misc]  # each its own
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Start all environments anew."""
+        """Start all environments anew, or those of `options["reset_mask"]`, (N,)."""
         super().reset(seed=seed)
-        self._begin(np.arange(self.num_envs))
-        return self._observed(), {"parameters": self._p.copy()}
+        chosen = self._chosen(options or {})
+        self._begin(np.flatnonzero(chosen))
+        self._over = np.zeros(self.num_envs, dtype=np.bool_) if self._over is None else self._over & ~chosen
+        return self._observed(), {"parameters": self._p.copy(), "_parameters": chosen}
+
+    def _chosen(self, options: dict[str, Any]) -> Mask:
+        """Which are to start anew.
+
+        Raises:
+            InvalidInputError: Options other than a mask, or a mask that leaves out what never started.
+        """
+        if options.keys() - {"reset_mask"}:
+            raise InvalidInputError(f"options of a reset are 'reset_mask' alone, not {', '.join(options)}")
+        chosen: Mask = np.array(options.get("reset_mask", np.ones(self.num_envs, dtype=np.bool_)))
+        if chosen.shape != (self.num_envs,) or chosen.dtype != np.bool_ or (self._over is None and not chosen.all()):
+            raise InvalidInputError(f"reset_mask must be booleans of shape ({self.num_envs},), all true at first")
+        return chosen
 
     def step(self, actions: ArrayLike) -> tuple[NDArray[np.float32], Array, Mask, Mask, dict[str, Any]]:
-        """Hold an action for a period in each."""
+        """Hold an action for a period in each.
+
+        Raises:
+            InvalidInputError: Another shape, or environments that are to be reset first.
+        """
         u = np.asarray(actions, dtype=np.float64)
         if u.shape != (self.num_envs, self.model.n_actuated):
             raise InvalidInputError(f"actions must be of shape {self.action_space.shape}, not {u.shape}")
+        if self._over is None or (self._mode is AutoresetMode.DISABLED and self._over.any()):
+            raise InvalidInputError("environments that did not start, or ended, are to be reset first")
+        begun = self._over
         u = np.clip(u, *self._bounds)
-        sound = self._move(u)
+        sound = self._move(u) | begun
         self._age += 1
+        if begun.any():
+            self._begin(np.flatnonzero(begun))
         moves = Moves(*(each.copy() for each in (self._q, self._v, u, self._aim, self._p)))
-        rewards = np.array(self._reward(moves), dtype=np.float64)
-        over = ~sound if self._done is None else ~sound | np.asarray(self._done(moves), dtype=np.bool_)
+        rewards = np.where(begun, 0.0, _of_rows(self._reward(moves), "reward", moves))
+        over = ~sound if self._done is None else ~sound | _of_rows(self._done(moves), "done", moves).astype(np.bool_)
+        over = over & ~begun
         late = ~over & (self._age >= self._horizon)
         told: dict[str, Any] = {"refused": ~sound}
-        ended = np.flatnonzero(over | late)
-        if len(ended):
-            told |= {"final_obs": self._observed(), "_final_obs": over | late}
-            self._begin(ended)
+        ended = over | late
+        if self._mode is not AutoresetMode.SAME_STEP:
+            self._over = ended
+        elif ended.any():
+            last = {"refused": ~sound, "_refused": ended, "parameters": moves.parameters, "_parameters": ended}
+            told |= {"final_obs": self._observed(), "_final_obs": ended, "final_info": last, "_final_info": ended}
+            self._begin(np.flatnonzero(ended))
+            begun = ended
+        if begun.any():
+            told |= {"parameters": self._p.copy(), "_parameters": begun}
         return self._observed(), rewards, over, late, told
 
     def _move(self, u: Array) -> Mask:
@@ -176,11 +214,10 @@ class MechanismVectorEnv(VectorEnv):  # type: ignore[misc]
             with np.errstate(invalid="ignore", over="ignore"):
                 good = (status == 0) & np.isfinite(q.sum(axis=1) + y.sum(axis=1) + v.sum(axis=1))
             sound &= good
-            if sound.all():
-                self._q, self._y, self._v = q, y, v
-            else:
-                for held, new in ((self._q, q), (self._y, y), (self._v, v)):
-                    held[sound] = new[sound]
+            lost = np.flatnonzero(~sound)
+            for held, new in ((self._q, q), (self._y, y), (self._v, v)):
+                new[lost] = held[lost]
+            self._q, self._y, self._v = q, y, v
         return sound
 
     def _begin(self, rows: NDArray[np.intp]) -> None:
@@ -233,6 +270,31 @@ class MechanismVectorEnv(VectorEnv):  # type: ignore[misc]
 
     def _observed(self) -> NDArray[np.float32]:
         return np.hstack([self._q, self._v, self._aim]).astype(np.float32)
+
+
+def _mode(mode: AutoresetMode | str) -> AutoresetMode:
+    """The mode that a value names.
+
+    Raises:
+        InvalidInputError: There is none such.
+    """
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        known = ", ".join(repr(each.value) for each in AutoresetMode)
+        raise InvalidInputError(f"autoreset_mode {mode!r} is not one of {known}") from None
+
+
+def _of_rows(value: ArrayLike, name: str, moves: Moves) -> Array:
+    """A number for each row.
+
+    Raises:
+        InvalidInputError: Another shape.
+    """
+    found = np.asarray(value, dtype=np.float64)
+    if found.shape != moves.q.shape[:1]:
+        raise InvalidInputError(f"{name} must give a number for each row, ({len(moves.q)},), not {found.shape}")
+    return found
 
 
 def _ranges(model: ReducedModel, parameters: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:

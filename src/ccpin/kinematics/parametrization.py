@@ -248,7 +248,8 @@ class Parametrization:
         return UnreachableError(
             f"q = {_show(q)} cannot be reached from q = {_show(q_start)} along a straight line: it is blocked by a "
             f"singularity or the end of the workspace after {100 * done:.2f} % of the way, at q = {_show(q_reached)} "
-            f"(reciprocal condition number of ψ_q′ {rcond:.1e}); pass near= closer to it if another way exists",
+            f"(reciprocal condition number of ψ_q′ {rcond:.1e}); pass near= closer to it if another way exists; "
+            "ccpin.dynamics.assembly_modes(model, q) looks whether the loops close there at all",
             q=q,
             q_reached=q_reached,
             fraction=done,

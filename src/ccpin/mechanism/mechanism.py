@@ -158,22 +158,27 @@ class Mechanism(Record):
             plant=digest(({name: getattr(physics, name) for name in kept}, self.position_limits, motors.limits)),
         )
 
-    def save(self, path: str | Path, format: str | None = None) -> tuple[str, ...]:
+    def save(
+        self, path: str | Path, format: str | None = None, *, loops: str = "as_stated", meshes: str = "kept"
+    ) -> tuple[str, ...]:
         """Write the mechanism to a file, with the independent and actuated joints and the reference chosen here.
 
         Args:
             path: The file; its suffix tells the format where `format` does not (.urdf, .sdf, .xml, .yaml).
-            format: ``"urdf"`` (with URDF+ loops), ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` (robot.yaml with
-                robot.urdf).
+            format: ``"urdf"`` (with URDF+ loops), ``"sdf"``, ``"mjcf"``, ``"toolbox"`` (robot.yaml with
+                robot.urdf), ``"drake"`` or ``"isaac"`` (URDFs whose loops these read).
+            loops: Of MJCF: ``"as_stated"``, or ``"tight"`` for loops that MuJoCo keeps closed and motions that are
+                those of the mechanism (`ccpin.description.mjcf.tightening`).
+            meshes: ``"kept"`` where they are, or ``"copied"`` into a folder ``meshes`` beside the file.
 
         Returns:
             What the mechanism states and the format has no place for, in sentences like `notes`.
 
         Raises:
-            InvalidInputError: The format is none of these, or the file cannot be written.
+            InvalidInputError: The format is none of these, a word is none of those, or a file cannot be written.
             DescriptionError: The format has no words for something, by name.
         """
-        return write_description(self.settled(), path, format)
+        return write_description(self.settled(), path, format, loops=loops, meshes=meshes)
 
     def pinocchio_constraints(self) -> list[pin.RigidConstraintModel]:
         """The closures as constraint models of `pin_model`, for Pinocchio's own solvers: the caller's, made anew.

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.errors import CcpinError
+from ccpin.programs.certified_region import OUTSIDE
 from ccpin.programs.evaluation import gain_series
 from ccpin.programs.folding import DOUBLES, folded
 from ccpin.programs.instructions import (
@@ -42,7 +43,8 @@ class Text(NamedTuple):
 
     Attributes:
         name: Of its function, an identifier.
-        kernel: sin and cos, the pieces and `NAME_kernel(x, out, large)` over R and I, whose meaning comes before it.
+        kernel: sin and cos, the pieces and `NAME_kernel(x, out)` over R and I, whose meaning comes before it; it
+            returns the status.
         stack: Numbers of type R that it keeps besides what a compiler keeps.
     """
 
@@ -60,7 +62,14 @@ def identifier(text: str) -> str:
 
 
 def kernel_of(program: Program, name: str, precision: Precision = DOUBLE, size: int = PIECE) -> Text:
-    """The arithmetic of a program over a type R, with a mask I of a comparison's type, in pieces of a size."""
+    """The arithmetic of a program over a type R, with a mask I of a comparison's type, in pieces of a size.
+
+    Raises:
+        InvalidInputError: What was proved of the program was not proved in the format.
+        CcpinError: A constant is too large for the format.
+    """
+    if program.region is not None:
+        program.region.require(precision.name)
     code = folded(program.code, DOUBLES)
     pieces = [code.instructions[k : k + size] for k in range(0, len(code.instructions), size)] or [()]
     writer = _Writer(program, code, name, precision)
@@ -158,17 +167,26 @@ class _Writer:
         return [f"R {names[0]}, {names[1]};", call, *unused, within]
 
     def kernel(self, pieces: int, slots: _Slots) -> str:
-        """All pieces, and the outputs; the mask is of rows to be trusted, `large` of those whose pivots were large."""
+        """All pieces, and the outputs; returns the status."""
         program = self._program
         lines = [f"R m[{max(slots.places, 1)}];", "I ok = EVERY;"]
         lines += [f"ok &= {self._name}_piece{number}(x, m);" for number in range(pieces)]
-        lines += ["*large = ok;"]
+        lines += ["const I large = ok;"]
         if program.corrections:
             squares = " + ".join(f"{self._kept(k, slots)} * {self._kept(k, slots)}" for k in program.corrections)
             lines.append(f"ok &= ABOVE({self._literal(program.tolerance**2)}, {squares});")
         lines += [f"out[{k}] = {self._kept(number, slots)};" for k, number in enumerate(self._code.outputs)]
-        lines += ["(void)x;", "(void)out;", "return ok;"]
-        return _function(f"static inline I {self._name}_kernel(const R x[], R out[], I *large)", lines)
+        lines += ["(void)x;", "(void)out;", *self._status()]
+        return _function(f"static inline I {self._name}_kernel(const R x[], R out[])", lines)
+
+    def _status(self) -> list[str]:
+        """0, 1 where a pivot was small, 2 where corrections were large, 3 outside the region."""
+        region, status = self._program.region, "(~large & 1) | (large & ~ok & 2)"
+        if region is None:
+            return [f"return {status};"]
+        ends = zip(*(end.tolist() for end in region.ends(self._precision)), strict=True)
+        checks = [f"inside &= WITHIN(x[{k}], {self._literal(a)}, {self._literal(b)});" for k, (a, b) in enumerate(ends)]
+        return ["I inside = EVERY;", *checks, f"return (~inside & {OUTSIDE}) | (inside & ({status}));"]
 
     def _kept(self, number: int, slots: _Slots) -> str:
         if number < self._code.inputs:
@@ -300,6 +318,7 @@ typedef int I;
 #define LANES 1
 #define LANE(value, lane) (value)
 #define ABOVE(a, b) (-((a) > (b)))
+#define WITHIN(a, low, high) (-((a) >= (low) && (a) <= (high)))
 #define ROOT(a) sqrt{suffix}(a)
 #define ANGLE(a, b) atan2{suffix}(a, b)
 #define SQRT(a) sqrt{suffix}(a)
@@ -319,6 +338,7 @@ typedef {mask} I __attribute__((vector_size({lanes} * sizeof(S))));
 #define CONSTANT(value) ((R){{0}} + (value))
 #define LANE(value, lane) ((value)[lane])
 #define ABOVE(a, b) ((a) > (b))
+#define WITHIN(a, low, high) (((a) >= (low)) & ((a) <= (high)))
 #define SQRT(a) sqrt{suffix}(a)
 #define ACOS(a) acos{suffix}(a)
 static inline R ROOT(R a) {{ for (int k = 0; k < LANES; k++) a[k] = sqrt{suffix}(a[k]); return a; }}

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ccpin.programs.c_code import Text, identifier, kernel_of, scalar_macros
+from ccpin.programs.certified_region import OUTSIDE, CertifiedRegion
 from ccpin.programs.instructions import ANGLE, GAIN, ROOT
 from ccpin.programs.program import Port, Program, windows
 from ccpin.programs.sine_cosine import Precision
@@ -17,7 +18,7 @@ _WORDS = """
 auto break case char const continue default do double else enum extern float for goto if inline int long register
 restrict return short signed sizeof static struct switch typedef union unsigned void volatile while asm bool catch
 class delete false friend main namespace new operator private protected public template this throw true try using
-virtual and or not xor j0 j1 jn y0 y1 yn signgam printf fabs large out x k states wanted codes differs n wrong same
+virtual and or not xor j0 j1 jn y0 y1 yn signgam printf fabs status out x k states wanted codes differs n wrong same
 code failures exact
 """  # of C, C++ and <math.h>, and those that the text itself has
 
@@ -36,7 +37,7 @@ def header(program: Program, name: str, precision: Precision) -> str:
     """The text of NAME.h."""
     kernel = kernel_of(program, name, precision)
     macros, text = _named(scalar_macros(precision), kernel.kernel, name, precision)
-    codes = {"OK": 0, "SINGULAR": 1, "NOT_CONVERGED": 2}
+    codes = {"OK": 0, "SINGULAR": 1, "NOT_CONVERGED": 2} | ({} if program.region is None else {"OUTSIDE": OUTSIDE})
     guard, known = f"CCPIN_{name}_H", ", ".join(f"{name}_{word} = {value}" for word, value in codes.items())
     parts = [
         _comment(program, name, precision, kernel),
@@ -76,14 +77,14 @@ def _function(program: Program, name: str, precision: Precision) -> str:
     taken = [f"const {kind} {word}[{port.size}]" for port, word in reads if port.size]
     given = [f"{kind} {word}[{port.size}]" for port, word in gives if port.size]
     lines = [f"{kind} x[{max(sum(p.size for p, _ in reads), 1)}], out[{max(sum(p.size for p, _ in gives), 1)}];"]
-    lines += ["int large, ok;", *(["x[0] = 0;"] if not taken else [])]
+    lines += ["int status;", *(["x[0] = 0;"] if not taken else [])]
     for group, copy in ((reads, "x[{0} + k] = {1}[k]"), (gives, "{1}[k] = out[{0} + k]")):
         for (port, word), window in zip(group, windows(port for port, _ in group), strict=True):
             if port.size:
                 lines.append(f"for (int k = 0; k < {port.size}; k++) {{ {copy.format(window.start, word)}; }}")
         if group is reads:
-            lines.append(f"ok = {name}_kernel(x, out, &large);")
-    lines.append(f"return ok ? {name}_OK : large ? {name}_NOT_CONVERGED : {name}_SINGULAR;")
+            lines.append(f"status = {name}_kernel(x, out);")
+    lines.append("return status;")
     head = f"static inline int {name}({', '.join([*taken, *given]) or 'void'})"
     return "\n".join([head, "{", *(f"    {line}" for line in lines), "}"])
 
@@ -124,11 +125,13 @@ def _comment(program: Program, name: str, precision: Precision, kernel: Text) ->
             if not program.corrections
             else ["y is of a closed configuration near q on the same branch (the last one): sigma(q) is found from it"]
         ),
+        *program.notes,
         "",
         "Returns one of",
         f"  {name}_OK: the outputs can be trusted",
         f"  {name}_SINGULAR: a solve divided by what is almost 0, or an angle is beyond {precision.reach:g} rad",
         *([f"  {name}_NOT_CONVERGED: the Newton steps of sigma had not converged"] if program.corrections else []),
+        *([] if program.region is None else _certified(name, program.region)),
         "",
         f"Arithmetic: {precision.name}; {counts or 'none'}",
         f"Stack: {numbers * size} bytes of numbers, and what the compiler keeps; no heap, no globals",
@@ -138,6 +141,16 @@ def _comment(program: Program, name: str, precision: Precision, kernel: Text) ->
         f"Test: cc -std=c99 -ffp-contract=off {name}_test.c -o {name}_test -lm && ./{name}_test",
     ]
     return "\n".join(["/*", *(f" * {_harmless(line)}".rstrip() for line in lines), " */"])
+
+
+def _certified(name: str, region: CertifiedRegion) -> list[str]:
+    """What was proved, and where."""
+    lines = [f"  {name}_OUTSIDE: an input is outside the certified region, or no number", ""]
+    return [
+        *lines,
+        "What its certificate says of it (ccpin verify replays one), before the region was made part of it:",
+        *region.statement.splitlines(),
+    ]
 
 
 def _told(way: str, port: Port, word: str) -> Iterator[str]:

@@ -38,11 +38,14 @@ class NoCompilerError(CcpinError):
     """No C compiler, or none that compiles."""
 
 
-def loaded(text: str, flags: Sequence[str], examined: Callable[[ctypes.CDLL], bool]) -> ctypes.CDLL:
+def loaded(
+    text: Callable[[], str], made_of: str, flags: Sequence[str], examined: Callable[[ctypes.CDLL], bool]
+) -> ctypes.CDLL:
     """The library of a C text.
 
     Args:
-        text: The text.
+        text: The text, which is asked for where the library is not there yet.
+        made_of: A digest of all that decides the text.
         flags: Of optimisation and of the machine.
         examined: Whether a library that was just compiled does what it should.
 
@@ -52,10 +55,10 @@ def loaded(text: str, flags: Sequence[str], examined: Callable[[ctypes.CDLL], bo
     """
     command = compiler()
     held = os.stat(command[0])
-    about = (*command, held.st_size, held.st_mtime_ns, platform.system(), platform.machine(), *_FLAGS, *flags, text)
+    about = (*command, held.st_size, held.st_mtime_ns, platform.system(), platform.machine(), *_FLAGS, *flags, made_of)
     folder = _cache() / sha256("\0".join(map(str, about)).encode()).hexdigest()
     if not _is_own(folder):
-        _compile(text, [*command, *_FLAGS, *flags], folder, examined)
+        _compile(text(), [*command, *_FLAGS, *flags], folder, examined)
     return ctypes.CDLL(str(folder / LIBRARY))
 
 

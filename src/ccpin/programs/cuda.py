@@ -60,10 +60,8 @@ def source(program: Program, format: Format = "double") -> str:
         "if (i >= n) { return; }",
         "R x[{}], out[{}];".format(*sizes),
         *reads,
-        "I large;",
-        "const I ok = program_kernel(x, out, &large);",
+        "status[i] = program_kernel(x, out);",
         *writes,
-        "status[i] = ok ? 0 : large ? 2 : 1;",
     ]
     head = f"KERNEL void {NAME}({', '.join(['long long n', *ins, *outs, 'int *status'])})"
     return "\n".join([_HEAD, scalar_macros(precision), body, head, "{", *(f"    {line}" for line in lines), "}", ""])

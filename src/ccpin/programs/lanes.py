@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import ctypes
+import marshal
 import platform
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,13 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ccpin.arrays import choice
 from ccpin.errors import InvalidInputError
+from ccpin.programs import c_code, certified_region, evaluation, folding, sine_cosine
 from ccpin.programs.c_code import kernel_of, lane_macros
 from ccpin.programs.compiling import NoCompilerError, loaded
 from ccpin.programs.program import Program, windows
 from ccpin.programs.sine_cosine import PRECISIONS, Format
 
 PIECE = 600  # operations a function, of vectors; `c_code.PIECE` is of exported C
-_CHUNK = 2048  # rows a thread takes at a time
+_CHUNK, _TURNS = 2048, 16  # rows a thread takes at a time, no fewer; turns each has of a large batch
 _AGREES = 1e-6  # of the largest output: what a compiler may differ from NumPy at a program's example
 
 
@@ -74,7 +78,7 @@ class CompiledProgram:
         self._type = np.dtype(np.float64 if format == "double" else np.float32)
         wide = vectors or width()
         flags = ("-O2" if len(program.code.instructions) <= PIECE else "-O1", *wide.flags)
-        self._use(loaded(source(program, format, wide), flags, self._examined))
+        self._use(loaded(lambda: source(program, format, wide), _made_of(program, format, wide), flags, self._examined))
 
     def _use(self, library: ctypes.CDLL) -> None:
         self._run = library.many
@@ -121,7 +125,7 @@ class CompiledProgram:
         tables = [*inputs, *outputs]
         places = (ctypes.c_void_p * max(len(tables), 1))(*(table.ctypes.data for table in tables))
         steps = (ctypes.c_long * max(2 * len(tables), 1))(*([0, 1] * len(tables)))
-        arguments = (ctypes.c_long(1), places, steps, ctypes.c_void_p(status.ctypes.data))
+        arguments = (ctypes.c_long(0), ctypes.c_long(1), places, steps, ctypes.c_void_p(status.ctypes.data))
         return lambda: self._run(*arguments)
 
     def _fill(
@@ -130,17 +134,17 @@ class CompiledProgram:
         size, rows = self._type.itemsize, len(status)
         tables = [*inputs, *outputs]
         strides = [s // size for table in tables for s in table.strides]
+        places = (ctypes.c_void_p * max(len(tables), 1))(*(table.ctypes.data for table in tables))
+        steps, told = (ctypes.c_long * max(len(strides), 1))(*strides), ctypes.c_void_p(status.ctypes.data)
 
-        def some(first: int, last: int) -> None:
-            places = [table.ctypes.data + first * table.strides[0] for table in tables]
-            pointers = (ctypes.c_void_p * max(len(places), 1))(*places)
-            steps = (ctypes.c_long * max(len(strides), 1))(*strides)
-            self._run(ctypes.c_long(last - first), pointers, steps, ctypes.c_void_p(status.ctypes.data + 4 * first))
+        def some(first: int, last: int) -> None:  # without the interpreter's lock, but for a microsecond
+            self._run(ctypes.c_long(first), ctypes.c_long(last), places, steps, told)
 
         if threads == 1 or rows <= _CHUNK:
             some(0, rows)
             return
-        left = list(range(0, rows, _CHUNK))
+        piece = _CHUNK * max(1, rows // (_CHUNK * _TURNS * threads))
+        left = list(range(0, rows, piece))
 
         def work() -> None:
             while left:
@@ -148,7 +152,7 @@ class CompiledProgram:
                     first = left.pop()
                 except IndexError:
                     return
-                some(first, min(first + _CHUNK, rows))
+                some(first, min(first + piece, rows))
 
         with ThreadPoolExecutor(threads - 1) as pool:
             others = [pool.submit(work) for _ in range(threads - 1)]
@@ -176,6 +180,27 @@ def fastest(program: Program, format: Format = "double") -> CompiledProgram | In
         return CompiledProgram(program, format)
     except NoCompilerError:
         return InNumPy(program)
+
+
+def _made_of(program: Program, format: Format, vectors: Width) -> str:
+    """A digest of all that decides `source`: the arithmetic, the format, the vectors, and the modules that write it."""
+    code = program.code
+    lines = [
+        (kind, target, a, b, *(() if k is None else (k.numerator, k.denominator)))
+        for kind, target, a, b, k in code.instructions
+    ]
+    sizes = [[port.size for port in ports] for ports in (program.inputs, program.outputs)]
+    checks = [(pivot.number, pivot.scale) for pivot in program.pivots], program.corrections, program.tolerance
+    region = program.region and [list(map(float, end)) for end in program.region[:2]] + [list(program.region.formats)]
+    whole = (code.inputs, lines, code.outputs, sizes, checks, region, format, vectors.bytes, _writers())
+    return sha256(marshal.dumps(whole, 2)).hexdigest()  # version 2: of the values alone, not of which are one object
+
+
+@cache
+def _writers() -> bytes:
+    """The text of the modules that write C."""
+    written = c_code.__file__, certified_region.__file__, evaluation.__file__, folding.__file__, sine_cosine.__file__
+    return b"".join(Path(file).read_bytes() for file in (__file__, *written))
 
 
 def source(program: Program, format: Format, vectors: Width) -> str:
@@ -230,29 +255,28 @@ static inline void store(const R *from, S *to, long row, long entry, int size, l
 
 
 def _many(name: str, inputs: Sequence[int], outputs: Sequence[int]) -> str:
-    """The loop over rows: `tables` are the inputs, then the outputs; `steps` how far rows and entries are apart."""
+    """The loop over some rows: `tables` are inputs, then outputs; `steps` how far rows and entries are apart."""
 
     def moved(word: str, place: str, kind: str, k: int, size: int) -> str:
         row, entry = f"steps[{2 * k}]", f"steps[{2 * k + 1}]"
-        return f"{word}({place}, ({kind} *)tables[{k}] + i * {row}, {row}, {entry}, {size}, n - i);"
+        return f"{word}({place}, ({kind} *)tables[{k}] + i * {row}, {row}, {entry}, {size}, last - i);"
 
     starts, ends = ([sum(sizes[:k]) for k in range(len(sizes) + 1)] for sizes in (inputs, outputs))
     loads = [moved("load", f"x + {starts[k]}", "const S", k, size) for k, size in enumerate(inputs)]
     stores = [moved("store", f"out + {ends[k]}", "S", len(inputs) + k, size) for k, size in enumerate(outputs)]
     lines = [
         f"R x[{max(starts[-1], 1)}], out[{max(ends[-1], 1)}];",
-        "for (long i = 0; i < n; i += LANES) {",
+        "for (long i = first; i < last; i += LANES) {",
         *(f"    {line}" for line in loads),
-        "    I large;",
-        f"    const I ok = {name}_kernel(x, out, &large);",
+        f"    const I code = {name}_kernel(x, out);",
         *(f"    {line}" for line in stores),
-        "    for (int lane = 0; lane < LANES && i + lane < n; lane++)",
-        "        status[i + lane] = ok[lane] ? 0 : large[lane] ? 2 : 1;",
+        "    for (int lane = 0; lane < LANES && i + lane < last; lane++)",
+        "        status[i + lane] = (int)code[lane];",
         "}",
     ]
     return "\n".join(
         [
-            "void many(long n, void *const tables[], const long steps[], int status[])",
+            "void many(long first, long last, void *const tables[], const long steps[], int status[])",
             "{",
             *(f"    {line}" for line in lines),
             "}",

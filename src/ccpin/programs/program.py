@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.files import write_atomically
+from ccpin.programs.certified_region import OUTSIDE, CertifiedRegion, region_of
 from ccpin.programs.evaluation import values_of
 from ccpin.programs.instructions import (
     ADD,
@@ -36,6 +38,7 @@ from ccpin.programs.instructions import (
     Instruction,
 )
 from ccpin.programs.lowering import Pivot
+from ccpin.programs.sine_cosine import DOUBLE
 
 if TYPE_CHECKING:
     from ccpin.programs.program_sources import ProgramSource
@@ -45,8 +48,16 @@ WORDS = {
     COSINE: "cosine", GAIN: "gain", ROOT: "root", RECIPROCAL: "reciprocal", ANGLE: "angle",
 }  # fmt: skip
 _KINDS = {word: kind for kind, word in WORDS.items()}
+_OPERANDS: dict[int, tuple[int, ...]] = {  # how many each kind has: of sine and cosine the second is the other of them
+    CONSTANT: (0,), ADD: (2,), SUBTRACT: (2,), MULTIPLY: (2,), SCALE: (1,), SINE: (1, 2), COSINE: (1, 2),
+    GAIN: (2,), ROOT: (1,), RECIPROCAL: (1,), ANGLE: (2,),
+}  # fmt: skip
 _FORMAT, _VERSION = "ccpin.program", 1
-_NONE = (OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError)  # what reading no program raises
+_MOST = 10**7  # values of a program that is read
+_NONE = (  # what reading no program raises
+    OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError,
+)  # fmt: skip
+_RATIONAL = re.compile(r"-?\d{1,400}/\d{1,400}")  # no exponents, of which a few letters are a number without end
 SMALL_PIVOT = 1e-6  # of its size at the samples: a state at which a solve divides by less is refused
 
 
@@ -81,7 +92,8 @@ class Answer(Mapping[str, Array]):
     """Outputs by name; `status` is 0 where they can be trusted.
 
     Attributes:
-        status: 0; 1 where a solve divided by what is almost 0; 2 where Newton's steps of σ had not converged.
+        status: 0; 1 where a solve divided by what is almost 0, or an angle is none or beyond 1e5 rad, where compiled
+            sines are wrong; 2 where Newton's steps of σ had not converged; 3 outside the region of a program with one.
     """
 
     def __init__(self, outputs: dict[str, Array], status: Any) -> None:
@@ -110,10 +122,12 @@ class Program:
         code: The instructions, without linear solves.
         pivots: Values that solves divide by.
         corrections: Numbers of the last corrections of σ's Newton steps; none where q′ is given closed.
-        tolerance: The length of those above which the steps had not converged.
+        tolerance: The length of those from which on the steps had not converged.
         example: Inputs at which it was recorded, in the order of the numbers.
         around: Inputs at closed states about it, alike.
-        source: What it was put together of; programs that were loaded, and steps, have none.
+        notes: What else whoever calls it has to know, a line each.
+        source: What it was put together of; programs that were loaded have none.
+        region: Outside of which its status is 3; none where nothing was proved of it.
     """
 
     name: str
@@ -125,14 +139,17 @@ class Program:
     tolerance: float = 0.0
     example: tuple[float, ...] = ()
     around: tuple[tuple[float, ...], ...] = ()
+    notes: tuple[str, ...] = ()
     source: ProgramSource | None = None
+    region: CertifiedRegion | None = None
 
     def __call__(self, **inputs: ArrayLike) -> Answer:
         """The outputs at inputs of the ports' shapes, or of many at once along a first axis more."""
         numbers, many = self._numbers(inputs)
+        rows = len(numbers)
         with np.errstate(all="ignore"):
             values = values_of(self.code, list(numbers.T), np)
-        rows = len(numbers)
+            status = self._status(values, rows)
         found = dict[str, Array]()
         for port, window in zip(self.outputs, windows(self.outputs), strict=True):
             columns = [values[k] for k in self.code.outputs[window]]
@@ -143,18 +160,23 @@ class Program:
             )
             shaped = table.reshape(rows, *port.shape)
             found[port.name] = shaped if many else shaped[0]
-        status = self._status(values, rows)
         return Answer(found, status if many else int(status[0]))
 
     def _status(self, values: list[Any], rows: int) -> Any:
-        """0, 1 or 2 for every row."""
+        """0, 1, 2 or 3 for every row."""
         divides = np.zeros(rows, dtype=np.bool_)
+        for angle in {item.a: None for item in self.code.instructions if item.kind in (SINE, COSINE)}:
+            divides |= ~(np.square(values[angle]) < DOUBLE.reach**2)
         for pivot in self.pivots:
-            divides |= ~(np.abs(values[pivot.number]) > SMALL_PIVOT * pivot.scale)
+            divides |= ~(np.square(values[pivot.number]) > (SMALL_PIVOT * pivot.scale) ** 2)
         moved = np.zeros(rows)
         for number in self.corrections:
             moved = moved + values[number] ** 2
-        return np.where(divides, 1, np.where(moved <= self.tolerance**2, 0, 2))
+        stays = moved < self.tolerance**2 if self.corrections else True
+        status = np.where(divides, 1, np.where(stays, 0, 2))
+        if self.region is None:
+            return status
+        return np.where(self.region.holds(values[: self.code.inputs], DOUBLE), status, OUTSIDE)
 
     def _numbers(self, inputs: dict[str, ArrayLike]) -> tuple[Array, bool]:
         """All inputs side by side, of shape (N, inputs), and whether there were many."""
@@ -188,7 +210,8 @@ class Program:
 
     def __repr__(self) -> str:
         ports = (", ".join(f"{port.name} {port.shape}" for port in group) for group in (self.inputs, self.outputs))
-        return "Program({}: {} → {}; {} operations)".format(self.name, *ports, sum(self.operations.values()))
+        where = "" if self.region is None else ", refused outside a region"
+        return "Program({}: {} → {}; {} operations{})".format(self.name, *ports, sum(self.operations.values()), where)
 
     def __str__(self) -> str:
         """It as mathematics, a line a value."""
@@ -220,13 +243,9 @@ class Program:
             CcpinError: The file is none, is damaged, or of a later version.
         """
         try:
-            document = json.loads(Path(path).read_bytes())
-            program = _program_of(document)
+            return program_of_text(Path(path).read_bytes())
         except _NONE as error:
             raise CcpinError(f"{path} is no program of ccpin's: {error}") from None
-        if document.get("digest") != program.digest:
-            raise CcpinError(f"{path} was changed since it was written: its digest is another")
-        return program
 
     def _document(self) -> dict[str, Any]:
         return {
@@ -237,12 +256,26 @@ class Program:
             "pivots": [[pivot.number, pivot.scale.hex()] for pivot in self.pivots],
             "corrections": list(self.corrections), "tolerance": self.tolerance.hex(),
             "example": [value.hex() for value in self.example],
-            "around": [[value.hex() for value in row] for row in self.around],
+            "around": [[value.hex() for value in row] for row in self.around], "notes": list(self.notes),
+            **({} if self.region is None else {"region": self.region.document()}),
         }  # fmt: skip
 
 
 def _digest(document: dict[str, Any]) -> str:
     return sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
+
+
+def program_of_text(text: str | bytes) -> Program:
+    """The program of a JSON text.
+
+    Raises:
+        ValueError, LookupError, TypeError, AttributeError, ArithmeticError: It is none, or was changed.
+    """
+    document = json.loads(text)
+    program = _program_of(document)
+    if document.get("digest") != program.digest:
+        raise ValueError("it was changed since it was written: its digest is another")
+    return program
 
 
 def _program_of(document: Any) -> Program:
@@ -253,10 +286,10 @@ def _program_of(document: Any) -> Program:
     """
     if not isinstance(document, dict) or document.get("format") != _FORMAT:
         raise ValueError("it says nothing of ccpin.program")
-    if document["version"] != _VERSION:
+    if document["version"] != _VERSION or type(document["version"]) is not int:
         raise ValueError(f"it is of version {document['version']}, this ccpin reads {_VERSION}")
     reads, gives = (tuple(map(_port_of, document[side])) for side in ("inputs", "outputs"))
-    count, size = sum(port.size for port in reads), int(document["size"])
+    count, size = sum(port.size for port in reads), _whole(document["size"])
     instructions, defined = list[Instruction](), set(range(count))
     for entry in document["instructions"]:
         item = _read(entry)
@@ -264,24 +297,41 @@ def _program_of(document: Any) -> Program:
             raise ValueError(f"instruction {entry} has operands that are not there")
         defined.add(item.target)
         instructions.append(item)
-    results, corrections = tuple(map(int, document["results"])), tuple(map(int, document["corrections"]))
-    pivots = tuple(Pivot(int(number), float.fromhex(scale)) for number, scale in document["pivots"])
+    results, corrections = (tuple(map(_whole, document[key])) for key in ("results", "corrections"))
+    pivots = tuple(Pivot(_whole(number), _number(scale, 0.0)) for number, scale in document["pivots"])
     asked = {*results, *corrections, *(pivot.number for pivot in pivots)}
     if not defined.issuperset(asked) or len(results) != sum(port.size for port in gives):
         raise ValueError("its outputs are not there")
     code = Code(size, count, tuple(instructions), results)
-    example = tuple(map(float.fromhex, document["example"]))
-    around = tuple(tuple(map(float.fromhex, row)) for row in document["around"])
-    tolerance = float.fromhex(document["tolerance"])
-    return Program(str(document["name"]), reads, gives, code, pivots, corrections, tolerance, example, around)
+    example, *rows = (tuple(map(_number, row)) for row in (document["example"], *document["around"]))
+    if any(len(row) != count for row in (example, *rows)) or len({port.name for port in reads}) < len(reads):
+        raise ValueError("examples of other inputs, or two of one name")
+    tolerance, notes, name = _number(document["tolerance"]), tuple(map(str, document["notes"])), str(document["name"])
+    region = region_of(document["region"], count) if "region" in document else None
+    return Program(name, reads, gives, code, pivots, corrections, tolerance, example, tuple(rows), notes, region=region)
 
 
 def _port_of(entry: Any) -> Port:
-    shape, entries = tuple(map(int, entry["shape"])), tuple(map(str, entry["entries"]))
+    shape, entries = tuple(map(_whole, entry["shape"])), tuple(map(str, entry["entries"]))
     port = Port(str(entry["name"]), shape, str(entry["unit"]), entries)
     if len(entries) != port.size:
         raise ValueError(f"{port.name} has {len(entries)} entries for {port.size} numbers")
     return port
+
+
+def _whole(value: Any) -> int:
+    """A number that a list can have of entries."""
+    if type(value) is not int or not 0 <= value <= _MOST:
+        raise ValueError(f"{value!r} is no whole number from 0 to {_MOST}")
+    return value
+
+
+def _number(text: str, above: float = -math.inf) -> float:
+    """A finite number that `float.hex` wrote."""
+    value = float.fromhex(text)
+    if not above < value < math.inf:
+        raise ValueError(f"{text!r} is no finite number" + (f" above {above:g}" if above > -math.inf else ""))
+    return value
 
 
 def _written(item: Instruction) -> list[Any]:
@@ -292,11 +342,19 @@ def _written(item: Instruction) -> list[Any]:
 
 def _read(entry: Any) -> Instruction:
     word, target, *rest = entry
-    kind = _KINDS[word]
+    kind, constant = _KINDS[word], None
     if kind in (CONSTANT, SCALE):
-        *operands, constant = rest
-        return Instruction(kind, int(target), *map(int, operands), **{"constant": Fraction(constant)})
-    return Instruction(kind, int(target), *map(int, rest))
+        *rest, text = rest
+        if not _RATIONAL.fullmatch(text):
+            raise ValueError(f"{text[:40]!r} is no constant")
+        constant = Fraction(text)
+        if abs(constant) >= 2**1000:
+            raise ValueError(f"a constant of {len(text)} letters that no double is near")
+    operands = tuple(map(_whole, rest))
+    if len(operands) not in _OPERANDS[kind]:
+        raise ValueError(f"'{word}' of {len(operands)} operands")
+    a, b = (*operands, None, None)[:2]
+    return Instruction(kind, _whole(target), a, b, constant)
 
 
 def _entries(ports: Sequence[Port]) -> list[str]:

@@ -15,6 +15,7 @@ from ccpin.programs.lowering import Pivot, lowered
 from ccpin.programs.tape import Expression, Tape
 
 Table = Any  # an array of expressions
+INPUTS = ("v", "u", "a", "p", "h", "q_d", "v_d", "a_d", "g_d")  # of what is recorded, after x
 
 
 class ProgramSource(NamedTuple):
@@ -22,12 +23,13 @@ class ProgramSource(NamedTuple):
 
     Attributes:
         closure: As many equations of x (and p) as numbers y of it depend; further inputs are not read.
-        inner: The outputs as functions of x, v, u, a and p, with linear solves.
+        inner: The outputs as functions of x and `INPUTS`, with linear solves.
         independent: Places of q in x.
-        sizes: Of x, v, u, a and p.
-        ports: The program's inputs by name, with sizes: q, y, then those of v, u, a, p that are read.
+        sizes: Of x, v, u, a and p; of a step's h after them; of a law's reference after that (`INPUTS`).
+        ports: The program's inputs by name, with sizes: q, y, then those of `INPUTS` that are read.
         steps: Newton steps of σ, one more with the last matrix following; 0 where y is given closed.
         samples: Of the program's inputs, at which pivots are chosen, of shape (N, inputs), row by row.
+        checked: How many of the last outputs of `inner` are corrections of y, and no outputs.
     """
 
     closure: Code
@@ -37,6 +39,7 @@ class ProgramSource(NamedTuple):
     ports: tuple[tuple[str, int], ...]
     steps: int
     samples: tuple[tuple[float, ...], ...]
+    checked: int = 0
 
     @property
     def dependent(self) -> tuple[int, ...]:
@@ -50,7 +53,7 @@ class Assembled(NamedTuple):
     Attributes:
         code: Instructions without linear solves, and the outputs.
         pivots: Values that solves divide by.
-        iterates: Numbers of the values of y after each Newton step, and after the one more; none where y is given.
+        iterates: Numbers of the values of y after each Newton step of σ, and after the one more; none where y is given.
         corrections: Numbers of the last corrections of y.
     """
 
@@ -66,16 +69,18 @@ def assembled(source: ProgramSource) -> Assembled:
     ends = np.cumsum([size for _, size in source.ports])[:-1]
     given = dict(zip((name for name, _ in source.ports), np.split(_row(tape.inputs), ends), strict=True))
     q, y = given["q"], given["y"]
-    due = zip("vuap", source.sizes[1:], strict=True)
+    due = zip(INPUTS, source.sizes[1:], strict=False)
     others = [entry for name, size in due for entry in given.get(name, np.zeros(size, dtype=object))]
     iterates, correction = _newton(tape, source, (q, y), others) if source.steps else ([], _row([]))
     end = iterates[-1] if iterates else y
     results = tape.inlined(source.inner, [*_placed(source, q, end), *others])
+    if source.checked:
+        results, correction = results[: -source.checked], _row(results[-source.checked :])
     asked = [*results, *(entry for each in iterates for entry in each), *correction]
     done = lowered(tape.code(asked), np.array(source.samples))
     outputs, m = done.code.outputs, len(y)
     shown, rest = outputs[: len(results)], outputs[len(results) :]
-    rows = tuple(rest[k : k + m] for k in range(0, m * len(iterates), m))
+    rows = tuple(rest[m * k : m * (k + 1)] for k in range(len(iterates)))
     return Assembled(done.code._replace(outputs=shown), done.pivots, rows, rest[m * len(iterates) :])
 
 

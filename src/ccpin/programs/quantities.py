@@ -11,14 +11,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.control.control_law import ControlLaw
+from ccpin.control.references import ReferenceState
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.programs.recording.constants import Constants, Parameter
-from ccpin.programs.recording.recorded_laws import LawTerms, efforts, law_terms, transmission
+from ccpin.programs.recording.recorded_laws import (
+    efforts,
+    goal_of,
+    law_terms,
+    recorded_law,
+    reference_force,
+    transmission,
+)
 from ccpin.programs.recording.recorded_mechanism import Numbering, RecordedModel, recorded_model
 from ccpin.programs.recording.recorded_tree import Table, exact, exact_placement, rational
 from ccpin.programs.tape import Tape
+
+REFERENCE = "q_d", "v_d", "a_d", "g_d"  # inputs of laws whose reference moves
 
 
 class TapedModel(NamedTuple):
@@ -29,7 +39,8 @@ class TapedModel(NamedTuple):
         model: The model.
         own: The numbers x.
         recorded: The model's closures and dynamics.
-        inputs: x, v = q̇, u and a = q̈, each of shape (n_x,), (n,) or (motors,), and parameters p.
+        inputs: x, v = q̇, u and a = q̈, each of shape (n_x,), (n,) or (motors,), and parameters p; where a law's
+            reference moves also q_d, q̇_d, q̈_d, and g(q_d), of shape (n,) each.
         law: The law, where one is recorded.
         points: Points of links, by the names of their outputs.
         constants: The constants, some of them parameters.
@@ -66,9 +77,11 @@ def taped_model(
     law: ControlLaw | None,
     points: dict[str, EndEffector],
     parameters: Sequence[Parameter] = (),
+    moving: bool = False,
 ) -> TapedModel:
-    """A fresh tape with a model on it."""
+    """A fresh tape with a model on it; of a law whose reference is `moving` that is an input."""
     sizes = {"x": len(own.near), "v": model.n, "u": model.n_actuated, "a": model.n, "p": len(parameters)}
+    sizes |= {"h": 0, **dict.fromkeys(REFERENCE, model.n)} if moving else {}  # in the order of `INPUTS`
     tape = Tape(sum(sizes.values()))
     ends = np.cumsum(list(sizes.values()))[:-1]
     inputs = dict(zip(sizes, np.split(np.array(tape.inputs, dtype=object), ends), strict=True))
@@ -111,7 +124,7 @@ def _energy(scene: TapedModel) -> Table:
 
 def _velocity_force(scene: TapedModel) -> Table:
     """C q̇ + damping q̇."""
-    return scene.recorded.terms.bias - scene.recorded.terms.gravity
+    return scene.recorded.terms.velocity
 
 
 def _damping(scene: TapedModel) -> Table:
@@ -142,22 +155,38 @@ def along(scene: TapedModel, entries: Table, by: str) -> Table:
     return np.array(columns, dtype=object).reshape(len(ways), *entries.shape).transpose(*range(1, entries.ndim + 1), 0)
 
 
-def _law(scene: TapedModel) -> LawTerms:
-    state = scene.inputs["x"], scene.inputs["v"]
-    return law_terms(scene.tape, scene.law, scene.own.q, state, scene.recorded.terms, scene.own.near)
-
-
 def _torque(scene: TapedModel) -> Table:
     """u of the law."""
-    return efforts(scene.tape, transmission(scene.model, scene.recorded.motion.rho), _law(scene).force)
+    told, own, given = recorded_law(scene.law, scene.model), scene.own, scene.inputs
+    state, still = (given["x"][list(own.q.places)], given["v"]), np.zeros(scene.model.n, dtype=object)
+    if "q_d" in given:
+        *wanted, constant = (given[name] for name in REFERENCE)
+    else:
+        wanted, constant = [goal_of(scene.tape, told, own.q, own.near), still, still], exact(told.constant)
+    told = told._replace(constant=constant)
+    terms = scene.recorded.terms
+    force = reference_force(told, ReferenceState(*wanted), state, terms, lambda v: _force_of_coriolis(scene, v))
+    return efforts(scene.tape, transmission(scene.model, scene.recorded.motion.rho), force)
+
+
+def _force_of_coriolis(scene: TapedModel, velocity: Table) -> Table:
+    """(C + damping) w: half of what the bias force, 2 C w + damping w, changes along w, and half of damping w."""
+    way = {node.index: entry for node, entry in zip(scene.inputs["v"], velocity, strict=True)}
+    change = scene.tape.derivative(scene.recorded.terms.bias.tolist(), way, held=False)
+    return (np.array(change, dtype=object) + _damping(scene) @ velocity) * rational(0.5)
 
 
 def _lyapunov(scene: TapedModel) -> Table:
     """𝒱 + V(q_d) with the law's own g(q_d)."""
-    value = _law(scene).lyapunov
-    if value is None:
-        raise UnsupportedMechanismError(f"𝒱 is recorded of PDSimpleGravity (28), not of {type(scene.law).__name__}")
-    return np.array([value], dtype=object)
+    told, state = recorded_law(scene.law, scene.model), (scene.inputs["x"], scene.inputs["v"])
+    if told.kind != "pd" or "q_d" in scene.inputs:
+        raise UnsupportedMechanismError(
+            f"𝒱 is recorded of PDSimpleGravity (28) with a constant q_d, not of {type(scene.law).__name__}"
+        )
+    return np.array(
+        [law_terms(scene.tape, scene.law, scene.own.q, state, scene.recorded.terms, scene.own.near).lyapunov],
+        dtype=object,
+    )
 
 
 def pose_of(scene: TapedModel, end: EndEffector) -> Table:
@@ -196,6 +225,6 @@ QUANTITIES = {
     "generalized_force": Quantity("", ("v", "a"), generalized_force),
     "inverse_dynamics": Quantity("", ("v", "a"), inverse),
     "energy": Quantity("J", ("v",), _energy),
-    "torque": Quantity("", ("v",), _torque),
+    "torque": Quantity("N m or N", ("v",), _torque),
     "lyapunov": Quantity("J", ("v",), _lyapunov),
 }

@@ -14,11 +14,11 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.programs.instructions import Code
-from ccpin.programs.lowering import lowered
-from ccpin.programs.program import Port, Program, windows
-from ccpin.programs.program_sources import ProgramSource, assembled
-from ccpin.programs.quantities import QUANTITIES, TapedModel, along, jacobian_of, pose_of, taped_model
+from ccpin.programs.program import Port, Program
+from ccpin.programs.program_sources import INPUTS, ProgramSource, assembled
+from ccpin.programs.quantities import QUANTITIES, REFERENCE, TapedModel, along, jacobian_of, pose_of, taped_model
 from ccpin.programs.recording.constants import Parameter, parameters_of
+from ccpin.programs.recording.recorded_laws import recorded_law
 from ccpin.programs.recording.recorded_mechanism import Numbering, numbering
 from ccpin.programs.recording.recorded_tree import Table
 from ccpin.programs.stepping import stepped
@@ -27,7 +27,7 @@ from ccpin.programs.tape import Tape
 Given = Literal["closed", "near"]
 SAMPLES, _SPREAD, _TRIES = 32, 0.15, 400  # states about the reference at which pivots are chosen
 _BRIEF = 1e-3  # s, of a step
-CONVERGED = 1e-6  # of the last correction of σ, in the units of y: what is left after it is of the order of its square
+CONVERGED = 1e-6  # of σ's last correction δ, in the units of y: δ^{3/2} is left, times twice the root of σ's bend
 
 
 def record(
@@ -41,6 +41,7 @@ def record(
     points: Mapping[str, EndEffector] | None = None,
     near: State | None = None,
     parameters: Sequence[str] = (),
+    moving: bool = False,
 ) -> Program:
     """A straight-line program of quantities of a reduced model.
 
@@ -59,26 +60,35 @@ def record(
         derivatives: Of every quantity also its derivative by these of `"q"`, `"v"`, `"u"`, `"a"` (outputs `NAME_by_q`,
             …), with the derivative's axis last; by q along tangent steps, with y moving along by ρ. Where q̇ is not the
             rate of q's numbers, `step_by_q` is the tangent step that a change of the numbers is.
-        law: The law of `"torque"` and `"lyapunov"`: none, PDSimpleGravity or PDFullGravity.
+        law: The law of `"torque"` and `"lyapunov"`, of the model's own constants: PDSimpleGravity, PDFullGravity,
+            PDOnlineGravity, PDPlus or ComputedTorque. Efforts are not clipped to the motors' limits.
         points: End effectors by names of outputs.
         near: The State it is recorded about (pivots are chosen at states around it), default the reference.
         parameters: Constants that become an input p: `"gravity"` (m/s²), `"mass:LINK"` (its inertia goes with it),
             `"length:JOINT"` (from the joint before), `"length:CLOSURE/A"` or `/B` (of its frame on its body),
             `"damping:JOINT"`, `"armature:JOINT"`, `"stiffness:JOINT"`.
+        moving: That the law's reference is an input: q_d, v_d and a_d (rates and second rates), in the numbers of q,
+            circles counted in q's turn; of PDSimpleGravity also g_d, g at q_d. Laws whose own reference moves have it
+            as an input anyhow, and time is none.
 
     Raises:
         InvalidInputError: No such quantity, or one that lacks what it is of.
         UnsupportedMechanismError: A law that is not known, or C of coordinates that are no numbers.
+        DifferentSubjectsError: A law of another model.
     """
     model = instance(model, "model", ReducedModel)
     asked = (what,) if isinstance(what, str) else tuple(what)
     ends = dict(points or {})
-    _require_known(asked, ends, derivatives, given, law)
+    _require_known(asked, ends, derivatives, given)
+    told = recorded_law(law, model) if {"torque", "lyapunov"} & set(asked) else None
     reference = model.mechanism.q_reference
     state = model.at(model.alpha(reference), reference) if near is None else model.at(near)
     own = numbering(model, state.q_free)
     symbols = parameters_of(model, tuple(parameters))
-    scene = taped_model(model, own, state.q_free, law, ends, symbols)
+    if instance(moving, "moving", bool, "True or False") and told is None:
+        raise InvalidInputError("moving is about a law's reference: neither its torque nor its lyapunov is recorded")
+    moves = moving or not (told is None or told.holds)
+    scene = taped_model(model, own, state.q_free, law, ends, symbols, moves)
     if asked == ("step",):
         return _step(scene, state, symbols)
     outputs = _outputs(scene, asked, tuple(derivatives))
@@ -93,8 +103,8 @@ def record(
     )  # fmt: skip
     done = assembled(source)
     return Program(
-        f"{model.mechanism.name}: {', '.join(asked)}", ports, _output_ports(outputs), done.code, done.pivots,
-        done.corrections, CONVERGED if done.corrections else 0.0, *_about(samples), source,
+        f"{model.mechanism.name}: {', '.join(asked)}", ports, _output_ports(scene, outputs), done.code, done.pivots,
+        done.corrections, CONVERGED if done.corrections else 0.0, *_about(samples), _notes(scene, asked), source,
     )  # fmt: skip
 
 
@@ -108,18 +118,23 @@ def _step(scene: TapedModel, about: State, symbols: Sequence[Parameter]) -> Prog
     """One step of the motion (`stepping`)."""
     q, y, *rest = _input_ports(scene, {"v", "u"}, symbols)
     ports = (q, y, *rest, Port("h", (1,), "s", ("h",)))
-    tape = Tape(sum(port.size for port in ports))
-    numbers = np.array(tape.inputs, dtype=object)
-    at = {port.name: numbers[window] for port, window in zip(ports, windows(ports), strict=True)}
-    step = stepped(scene, tape, at)
+    sizes = (*(len(table) for table in scene.inputs.values()), 1)
+    tape = Tape(sum(sizes))
+    parts = np.split(np.array(tape.inputs, dtype=object), np.cumsum(sizes)[:-1])
+    x, v, u, _, p, h = parts
+    places, dependent = list(scene.own.q.places), list(scene.own.dependent)
+    step = stepped(scene, tape, {"q": x[places], "y": x[dependent], "v": v, "u": u, "p": p, "h": h})
     after = tuple(port._replace(name=f"{port.name}_next") for port in (q, y, rest[0]))
     samples = _samples(scene.model, scene.own, about, ports, symbols)
-    results = [*step.q, *step.y, *step.v]
-    done = lowered(tape.code([*results, *step.correction]), samples)
-    shown = done.code._replace(outputs=done.code.outputs[: len(results)])
+    closure = tape.inlined(scene.tape.code(scene.recorded.closure), tape.inputs[:-1])
+    source = ProgramSource(
+        tape.code(closure), tape.code([*step.q, *step.y, *step.v, *step.correction]), scene.own.q.places, sizes,
+        tuple((port.name, port.size) for port in ports), 0, tuple(map(tuple, samples.tolist())), len(step.correction),
+    )  # fmt: skip
+    done = assembled(source)
     return Program(
-        f"{scene.model.mechanism.name}: step", ports, after, shown, done.pivots, done.code.outputs[len(results) :],
-        CONVERGED, *_about(samples),
+        f"{scene.model.mechanism.name}: step", ports, after, done.code, done.pivots, done.corrections, CONVERGED,
+        *_about(samples), (), source,
     )  # fmt: skip
 
 
@@ -144,7 +159,6 @@ def _require_known(
     ends: dict[str, EndEffector],
     derivatives: Sequence[str],
     given: str,
-    law: ControlLaw | None,
 ) -> None:
     """Every name is one that can be recorded.
 
@@ -156,14 +170,14 @@ def _require_known(
         raise InvalidInputError("'step' is recorded alone, from a closed configuration, without derivatives")
     if not asked:
         raise InvalidInputError("nothing to record: name a quantity")
+    if {"law", "laws", "control", "effort", "efforts"} & set(asked) - set(ends):
+        raise InvalidInputError("what: the efforts of a law are its 'torque': did you mean 'torque'?")
     for name in asked:
         choice(name, "what", (*QUANTITIES, "step", *ends))
     for name in derivatives:
         choice(name, "derivatives", ("q", "v", "u", "a"))
-    if clash := set(ends) & {*QUANTITIES, "step", "x", "q", "y", "v", "u", "a", "p", "h", "status"}:
+    if clash := set(ends) & {*QUANTITIES, *INPUTS, "step", "x", "q", "y", "status"}:
         raise InvalidInputError(f"points cannot have the names of quantities: {', '.join(sorted(clash))}")
-    if law is None and {"torque", "lyapunov"} & set(asked):
-        raise InvalidInputError("'torque' and 'lyapunov' are a law's: give law=")
     for name, end in ends.items():
         instance(end, f"points[{name!r}]", EndEffector)
 
@@ -191,7 +205,7 @@ def _outputs(scene: TapedModel, asked: tuple[str, ...], derivatives: tuple[str, 
 
 
 def _inputs_read(scene: TapedModel, code: Code) -> set[str]:
-    """Which of v, u, a an output depends on."""
+    """Which inputs beside q and y an output depends on."""
     used = {number for item in code.instructions for number in item.operands} | set(code.outputs)
     return {name for name, nodes in scene.inputs.items() if used & {node.index for node in nodes}}
 
@@ -204,10 +218,12 @@ def _input_ports(scene: TapedModel, reads: set[str], symbols: Sequence[Parameter
     motors = [(name, "") for name in model.mechanism.actuated]
     rates = [(name, "") for name in model.mechanism.independent]
     entries = {"v": _spread(rates, model.n), "u": _spread(motors, model.n_actuated), "a": _spread(rates, model.n)}
+    entries |= dict.fromkeys(REFERENCE, entries["v"])
     units = {"v": "rad/s or m/s", "u": "N m or N", "a": "rad/s² or m/s²"}
+    units |= {"q_d": ports[0].unit, "v_d": units["v"], "a_d": units["a"], "g_d": units["u"]}
     return (
         *ports,
-        *(Port(key, (len(entries[key]),), units[key], tuple(entries[key])) for key in "vua" if key in reads),
+        *(Port(key, (len(entries[key]),), units[key], tuple(entries[key])) for key in entries if key in reads),
         *_parameter_ports(symbols),
     )
 
@@ -248,11 +264,29 @@ def _names(scene: TapedModel) -> list[tuple[str, str]]:
     return found
 
 
-def _output_ports(outputs: dict[str, Table]) -> tuple[Port, ...]:
-    return tuple(
-        Port(name, table.shape, QUANTITIES[name].unit if name in QUANTITIES else "", tuple(_places(table.shape)))
-        for name, table in outputs.items()
-    )
+def _output_ports(scene: TapedModel, outputs: dict[str, Table]) -> tuple[Port, ...]:
+    found = list[Port]()
+    for name, table in outputs.items():
+        entries = _places(table.shape)
+        if name == "torque":
+            entries = _spread([(motor, "") for motor in scene.model.mechanism.actuated], len(entries))
+        found.append(Port(name, table.shape, QUANTITIES[name].unit if name in QUANTITIES else "", tuple(entries)))
+    return tuple(found)
+
+
+def _notes(scene: TapedModel, asked: tuple[str, ...]) -> tuple[str, ...]:
+    """What a law's efforts are, and how its reference is counted."""
+    mechanism = scene.model.mechanism
+    names = _spread([(motor, "") for motor in mechanism.actuated], scene.model.n_actuated)
+    pairs = zip(names, mechanism.motors.limits.tolist(), strict=True)
+    limits = [f"{name} {low:g} to {high:g}" for name, (low, high) in pairs if low > -np.inf or high < np.inf]
+    found = [
+        "the torque is what the law asks for, not clipped to the motors' limits: "
+        + (", ".join(limits) or "none is stated")
+    ]
+    if "q_d" in scene.inputs and scene.own.q.circles:
+        found.append("q_d is counted in q's turn: less than half a turn from q")
+    return tuple(found) if "torque" in asked else ()
 
 
 def _places(shape: tuple[int, ...]) -> list[str]:
@@ -280,4 +314,6 @@ def _sample(
     own: Numbering, state: State, ports: Sequence[Port], rng: np.random.Generator, held: dict[str, Array]
 ) -> Array:
     known = held | dict(zip(("q", "y"), _halves(own, own.numbers(state.q_free)), strict=True))
+    if any(port.name == "q_d" for port in ports):
+        known["q_d"] = known["q"] + _SPREAD * rng.uniform(-1.0, 1.0, len(known["q"]))
     return np.concatenate([known[p.name] if p.name in known else rng.uniform(-1.0, 1.0, p.size) for p in ports])

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ccpin.programs.certified_region import OUTSIDE
 from ccpin.programs.evaluation import values_of
 from ccpin.programs.folding import DOUBLES, folded
 from ccpin.programs.instructions import COSINE, SINE
@@ -19,7 +20,7 @@ class Bits(NamedTuple):
 
     Attributes:
         outputs: Of shape (N, outputs), in the format.
-        status: Of shape (N,): 0, 1 or 2.
+        status: Of shape (N,): 0, 1, 2 or 3.
     """
 
     outputs: NDArray[Any]
@@ -62,4 +63,8 @@ def c_answers(program: Program, inputs: NDArray[Any], precision: Precision) -> B
     outputs = np.empty((len(rows), len(code.outputs)), dtype=precision.type)
     for k, number in enumerate(code.outputs):
         outputs[:, k] = values[number]
-    return Bits(outputs, np.where(divides, 1, np.where(stays, 0, 2)))
+    status = np.where(divides, 1, np.where(stays, 0, 2))
+    if program.region is not None:
+        program.region.require(precision.name)
+        status = np.where(program.region.holds(rows.T, precision), status, OUTSIDE)
+    return Bits(outputs, status)

@@ -11,6 +11,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.control import ControlLaw, PDSimpleGravity, local_gains
 from ccpin.control.control_law import NoTorque
+from ccpin.dynamics.drives import HELD
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError
 from ccpin.kinematics.coordinates import checked_q
@@ -19,7 +20,9 @@ from ccpin.pages.parts import embedded, figure, paragraphs, table
 from ccpin.plotting import plot_lyapunov, plot_motion
 from ccpin.report.settings import ReportSettings, scalar, value
 from ccpin.simulation import lyapunov_along, set_point_metrics
+from ccpin.simulation.integration.notes import AT_LIMITS
 from ccpin.simulation.integration.single_run import simulate
+from ccpin.simulation.results.metrics import band_in_words
 from ccpin.simulation.results.trajectory import Trajectory
 from ccpin.visualization import animate, snapshot
 
@@ -115,10 +118,14 @@ def experiment(model: ReducedModel, found: Experiment) -> str:
     mechanism, motion = model.mechanism, found.motion
     closed = f"‖φ‖ ≤ {motion.closure_error.max():.0e} at all {len(motion.t)} samples"
     ended = "ran to its end" if motion.status == "finished" else f"ended early: {motion.message}"
-    parts = [paragraphs(f"{found.words} The motion {ended}; {closed}.")]
+    held_back = [f"Mind: {note}." for note in motion.notes if HELD in note or note.startswith(AT_LIMITS)]
+    parts = [paragraphs(*held_back, f"{found.words} The motion {ended}; {closed}.")]
     if found.goal is not None:
         metrics = set_point_metrics(motion, model, found.goal)
-        settled = "not within ±2° at the end" if metrics.settling_time is None else f"{metrics.settling_time:.3f} s"
+        band = band_in_words(mechanism, metrics.band)
+        settled = f"Not within ±{band} at the end"
+        if metrics.settling_time is not None:
+            settled = f"Within ±{band} from {metrics.settling_time:.3f} s on"
         if scalar(mechanism):
             parts.append(
                 table(
@@ -129,9 +136,7 @@ def experiment(model: ReducedModel, found: Experiment) -> str:
         peaks = ", ".join(
             f"`{name}` {peak:.3g}" for name, peak in zip(mechanism.actuated, metrics.peak_torque, strict=True)
         )
-        parts.append(
-            paragraphs(f"Within the band (±2°, or 35 mm) from: {settled}. Largest efforts (N m or N): {peaks}.")
-        )
+        parts.append(paragraphs(f"{settled}. Largest efforts (N m or N): {peaks}."))
     parts.append(figure(plot_motion(motion, mechanism, found.goal), "Positions, velocities and efforts against time."))
     if isinstance(found.law, PDSimpleGravity):
         history = lyapunov_along(found.law, motion)

@@ -13,6 +13,7 @@ from ccpin.simulation.results.limit_violations import exceeded
 from ccpin.simulation.results.metrics import lyapunov_along, set_point_metrics
 from ccpin.simulation.results.sizing import demands
 from ccpin.simulation.studies.cases import grid, latin_hypercube, sobol
+from ccpin.simulation.studies.mujoco_runs import run_in_mujoco
 from ccpin.simulation.studies.supervision import supervise
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "joint_forces",
     "latin_hypercube",
     "lyapunov_along",
+    "run_in_mujoco",
     "set_point_metrics",
     "sobol",
     "supervise",

@@ -213,9 +213,9 @@ def test_inactive_and_unsupported_constraints_become_notes() -> None:
     """An inactive constraint, a tendon and a yielding spring are named in the notes and left out."""
     text = model(
         PAIR.replace('name="ja"', 'name="ja" springyield="1"').replace("</body>", '<site name="s"/></body>', 1)
-        + '<site name="w" pos="1 2 3"/>',
+        + '<site name="w" pos="1 2 3"/><site name="v" pos="0 2 3"/>',
         equality='<connect name="open" body1="a" anchor="0 0 0" active="false"/><weld body1="a"/><tendon tendon1="t"/>',
-        tail='<tendon><spatial name="t"><site site="s"/><site site="w"/></spatial></tendon>',
+        tail='<tendon><spatial name="t"><site site="s"/><site site="v"/><site site="w"/></spatial></tendon>',
     )
     mujoco.MjModel.from_xml_string(text)
     description = read(text)

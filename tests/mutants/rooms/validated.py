@@ -70,8 +70,12 @@ _MOVES = (
     "validated/sets/test_move.py::test_bad_arrivals",
 )
 _DEFECT = ("validated/flow/test_sharp_defect.py",)
+_TREES = ("programs/test_recorded_trees.py",)
 _TAPES = "programs/test_tape.py"
-_BRANCHES = ("validated/programs/test_program_claims.py", "validated/programs/test_false_programs.py")
+_BRANCHES = tuple(
+    f"validated/programs/test_{name}.py" for name in ("sharp_branches_of_lines", "program_claims", "false_programs")
+)
+_GUARDED = "validated/programs/test_guarded_programs.py"
 _PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
     Room(
@@ -147,6 +151,8 @@ ROOMS: tuple[Room, ...] = (
         (
             "ProgramEquations.__post_init__",
             "ProgramEquations.n_y",
+            "ProgramEquations.places",
+            "ProgramEquations.arranged",
             "ProgramEquations.sizes",
             "ProgramEquations.program",
             "_require_instructions",
@@ -155,7 +161,11 @@ ROOMS: tuple[Room, ...] = (
             "_distance",
             "_numpy_constants",
         ),
-        ("validated/programs/test_error_sweeps.py", "validated/programs/test_false_programs.py"),
+        (
+            "validated/programs/test_error_sweeps.py",
+            "validated/programs/test_sharp_certificates.py",
+            "validated/programs/test_false_programs.py",
+        ),
     ),
     Room(
         "validated/programs/branch_claim",
@@ -177,6 +187,13 @@ ROOMS: tuple[Room, ...] = (
         "validated/programs/steps_claim",
         ("_OUT", "StepsFindSigma.examined", "StepsFindSigma._factor"),
         _BRANCHES,
+        (
+            (
+                "-m + np.arange(m)",
+                "without -m",
+                "terms of η have 0 in the middle: of which axes they are, no product knows",
+            ),
+        ),
     ),
     Room(
         "validated/programs/rounding_claim",
@@ -186,8 +203,13 @@ ROOMS: tuple[Room, ...] = (
             "ProgramComputed._over",
             "ProgramComputed._stepped",
             "ProgramComputed._inputs",
+            "_length",
         ),
-        (*_BRANCHES, "validated/programs/test_program_certificates.py"),
+        ("validated/programs/test_sharp_program_values.py", *_BRANCHES),
+        (
+            ("count = max(1, int(_MEMORY", "", "how many cells are looked at at once"),
+            ("pivot > 0.0 for pivot", "0 let in", "what is divided by 0 is ∞, and refused before"),
+        ),
     ),
     Room(
         "validated/programs/program_certificate",
@@ -196,13 +218,22 @@ ROOMS: tuple[Room, ...] = (
             "ProgramCertificate._about",
             "ProgramCertificate._rests",
             "ProgramCertificate.always_trusted",
+            "ProgramCertificate._possible",
             "ProgramCertificate._by_port",
+            "ProgramCertificate.guarded",
             "_bits",
             "_up",
             "_down",
         ),
-        (*_BRANCHES, "validated/programs/test_program_certificates.py"),
+        ("validated/programs/test_sharp_certificates.py", _GUARDED),
     ),
+    Room(
+        "validated/programs/certificate_documents",
+        ("read_certificate", "_source_of", "_code_of", "_instruction", "_count", "_text", "_number"),
+        ("validated/programs/test_certificate_documents.py",),
+        (("> _MANY", "left × 2", "how many steps are too many for a file"),),
+    ),
+    Room("programs/certified_region", ("CertifiedRegion.ends", "CertifiedRegion.holds", "_is_region"), (_GUARDED,)),
     Room(
         "validated/arithmetic/balls",
         ("_put_together", "with_radius", "_RADIUS_BITS", "around", "finite", "gain"),
@@ -323,29 +354,49 @@ ROOMS: tuple[Room, ...] = (
             "unit_axes",
             "_rotation",
             "poses",
-            "_motion",
+            "relative_motion",
             "_turn",
             "rates",
             "closure_rows",
             "_coupling_row",
-            "_own_ends",
+            "own_ends",
+            "chain_of",
+            "evaluated_rows",
             "_loop_rows",
             "_SNAP",
         ),
-        _RECORDED,
-        (
-            ("return self.kind.unit == 4 or", "not asked: self.kind.unit == 2", "several freedoms: a unit length"),
-            ("if joint.parent in found and", "not asked: joint.number != root", "a root's parent is not beyond it"),
-        ),
+        (*_TREES, *_RECORDED),
+        (("return self.kind.unit == 4 or", "not asked: self.kind.unit == 2", "several freedoms: a unit length"),),
     ),
     Room(
         "programs/recording/recorded_forces",
-        ("closure_terms", "dynamic_terms", "with_springs", "_body_rates"),
-        _RECORDED,
+        ("closure_terms", "dynamic_terms", "with_springs", "_bodies"),
+        (*_TREES, *_RECORDED),
         (
             ("right[row, entries] = -psi[row, known]", "left out", "zeros: such a row is of other velocities"),
             ("x_rate[list(q.places)] = v", "left out", "the same by what ρ is, only in wider balls"),
         ),
+    ),
+    Room(
+        "programs/recording/recorded_bodies",
+        ("joint_forces", "joint_weights", "joint_masses", "_along", "_turning"),
+        _TREES,
+    ),
+    Room(
+        "programs/recording/recorded_closures",
+        (
+            "RowMotion.__add__",
+            "RowMotion.__radd__",
+            "RowMotion.__mul__",
+            "ClosureRows.slopes",
+            "ClosureRows.changes",
+            "ClosureRows._loops",
+            "_loop_motions",
+            "_moved",
+            "_placed",
+            "_turned",
+        ),
+        _TREES,
     ),
     Room(
         "validated/model/closed_loop",
@@ -362,6 +413,11 @@ ROOMS: tuple[Room, ...] = (
         _RECORDED,
     ),
     Room(
+        "programs/recording/recorded_laws",
+        ("reference_force", "recorded_law"),
+        ("programs/test_moving_references.py",),
+    ),
+    Room(
         "programs/recording/recorded_coordinates",
         ("layout_of", "_windows", "numbers_of"),
         (*_RECORDED, _RANDOM),
@@ -372,6 +428,38 @@ ROOMS: tuple[Room, ...] = (
         ("Numbering.dependent", "numbering", "recorded_model", "_independent_rows", "_unit_lengths"),
         _RECORDED,
         (("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),),
+    ),
+    Room(
+        "programs/recording/constants",
+        (
+            "parameters_of",
+            "_parameter",
+            "_values",
+            "Constants.__init__",
+            "Constants.joints",
+            "Constants.ends",
+            "Constants.gravity",
+            "Constants.damping",
+            "Constants.stiffness",
+            "Constants.armature",
+            "Constants.sprung",
+            "Constants.body",
+            "Constants._links",
+            "Constants._stated",
+            "Constants._of",
+            "Constants._factor",
+            "Constants._scaled",
+            "_steiner",
+            "_about_origin",
+        ),
+        ("programs/test_parameters.py", "validated/test_joints.py::test_recorded_dynamics[rod]"),
+        (
+            (
+                "if len(links) == 1 and",
+                "not asked: len(links) == 1",
+                "of several links with masses none weighs what all of them do",
+            ),
+        ),
     ),
     Room("programs/folding", ("folded",), (*_PROGRAMS, _TAPES)),
     Room(
@@ -654,11 +742,23 @@ ROOMS: tuple[Room, ...] = (
 _CHOSEN = "chooses the length of a step, which `attempt` proves"
 EXCUSED: tuple[Excused, ...] = (
     Excused("validated/programs/proposals", (), "proposes cells and tubes: `BranchOverCells` says what is proved"),
+    Excused("validated/programs/program_equations", ("ProgramEquations.apart",), "where the search begins"),
     Excused("validated/programs/certifying", (), "proposes starts and cuts: the claims say what is proved"),
+    Excused(
+        "validated/programs/certificate_documents",
+        ("CERTIFIED_PROGRAM", "_LARGEST", "_MANY", "write_certificate", "_source_text", "_written", "_counts"),
+        "what files look like, and from which sizes on they are refused: what is read is proved again",
+    ),
+    Excused(
+        "validated/programs/guarding",
+        (),
+        "from where on y is refused: the statement says how near it must be, whatever is let in",
+    ),
     Excused("validated/programs/rounding_claim", ("_MEMORY",), "how many cells are looked at at once"),
     Excused(
         "validated/programs/program_certificate",
         (
+            "bounded",
             "bounds_of",
             "ProgramCertificate.verdict",
             "ProgramCertificate.reason",
@@ -669,6 +769,9 @@ EXCUSED: tuple[Excused, ...] = (
             "ProgramCertificate._status",
             "ProgramCertificate.statement",
             "ProgramCertificate.replay",
+            "ProgramCertificate.save",
+            "ProgramCertificate.load",
+            "ProgramCertificate.is_about",
             "ProgramCertificate.bits",
             "ProgramCertificate.ranges",
             "_numbers",

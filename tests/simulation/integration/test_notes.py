@@ -8,9 +8,11 @@ import pytest
 import ccpin
 from ccpin import control, native
 from ccpin.cli import main
+from ccpin.control.control_law import HeldEffort
 from ccpin.errors import SlowRunWarning
 from ccpin.native import core_of
 from ccpin.simulation import Event
+from ccpin.simulation.integration.notes import KNOWN
 from tests.support.places import MODELS
 
 START, GOAL = np.radians((-118.0, -62.0)), np.radians((-108.0, -72.0))
@@ -42,11 +44,11 @@ def test_who_stepped_it(rpdr_model, law):
     for controller, options, said in (
         (law, {}, "stepped by the compiled core"),
         (None, {}, "stepped by the compiled core"),
-        (lambda t, q, v: np.zeros(2), {}, "the core does not know TorqueFunction"),
+        (lambda t, q, v: np.zeros(2), {}, "the core does not know TorqueFunction: it steps PDSimpleGravity, "),
         (named, {}, "stepped by the compiled core"),  # it does what its class above says
         (own, {}, "the core does not know MyLaw"),
-        (law, {"method": "Radau"}, "not Radau"),
-        (law, {"events": [watch]}, "events"),
+        (law, {"method": "Radau"}, "the core steps RK45 and DOP853, not Radau"),
+        (law, {"events": [watch]}, "without any of them the core steps"),
         (law, {"friction": {"joint1": (0.1, 0.0)}}, "friction"),
     ):
         notes = ccpin.simulate(rpdr_model, controller, START, duration=0.02, **options).notes
@@ -101,3 +103,29 @@ def test_the_command_line_says_them(tmp_path, capsys):
     assert "note: stepped in Python" in capsys.readouterr().out
     main([*arguments, "--json"])
     assert "stepped" in json.loads(capsys.readouterr().out)["notes"][0]
+
+
+@built
+def test_motors_elsewhere_are_why():
+    """A law that the core knows, of motors that are not on q: it is that, not the law, which keeps it out."""
+    model = ccpin.ReducedModel(ccpin.load("rpdr", actuated=["joint3", "joint4"]))
+    moved = model.alpha(model.mechanism.q_reference)
+    law = control.PDSimpleGravity(model, moved, 11.0, 0.6)
+    note = ccpin.simulate(model, law, moved + 0.01, duration=0.01).notes[0]
+    assert "the core steps PDSimpleGravity where the motors sit on the independent joints" in note
+    assert "they are on joint3, joint4, not joint1, joint2" in note
+
+
+@built
+def test_the_laws_that_are_named_are_stepped(rpdr_model):
+    """Every one of them."""
+    here = rpdr_model.alpha(rpdr_model.mechanism.q_reference)
+    hold = control.Hold(rpdr_model, here)
+    names = KNOWN.replace(" and ", ", ").split(", ")
+    for name in names:
+        if name == "HeldEffort":
+            law = HeldEffort(np.zeros(2))
+        else:
+            leads = here if name in ("PDSimpleGravity", "PDFullGravity") else hold
+            law = getattr(control, name)(rpdr_model, leads, 20.0, 2.0)
+        assert ccpin.simulate(rpdr_model, law, here, duration=0.01).notes[0] == "stepped by the compiled core", name

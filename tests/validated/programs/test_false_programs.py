@@ -9,6 +9,7 @@ import ccpin
 from ccpin import programs
 from ccpin.programs.instructions import ADD
 from ccpin.programs.program import Program
+from ccpin.programs.program_sources import INPUTS
 from ccpin.proof.facts import NotProvedError, Unproved, prove
 from ccpin.validated import certify_program
 from ccpin.validated.programs import certifying
@@ -134,6 +135,7 @@ def test_false_values(proved):
         (claim, (steps, branch)),
         (claim, (again, steps)),
         (claim, (branch, Unproved(steps.claim, (branch,)))),
+        (claim, (branch, proved.computed[0])),
         (replace(claim, bounds=claim.bounds[:1]), (branch, steps)),
         (replace(claim, bounds=-claim.bounds), (branch, steps)),
         (replace(claim, bounds=np.full(2, 1e170)), (branch, steps)),
@@ -188,6 +190,16 @@ def more(code):
     return code._replace(instructions=(*code.instructions, last), size=code.size + 1)
 
 
+def _halved(code):
+    """The first instruction, whose target is a double."""
+    return code.instructions[0]._replace(target=float(code.instructions[0].target))
+
+
+def _nothing():
+    """Sizes of what only laws and steps read."""
+    return (0,) * (len(INPUTS) - 4)
+
+
 FALSE_SOURCES = {
     "a place beyond x": lambda s: s._replace(independent=(3,)),
     "a place twice": lambda s: s._replace(independent=(0, 0)),
@@ -196,12 +208,29 @@ FALSE_SOURCES = {
     "equations that read more": lambda s: s._replace(closure=more(s.closure)),
     "equations that are an input": lambda s: s._replace(closure=s.closure._replace(outputs=(s.closure.outputs[0], 3))),
     "sizes of too few": lambda s: s._replace(sizes=s.sizes[:4]),
+    "sizes of too many": lambda s: s._replace(sizes=(*s.sizes, 0, 0, 0)),
+    "sizes of one more than there are": lambda s: s._replace(sizes=(*s.sizes, *_nothing(), 0)),
     "a list": lambda s: s._replace(closure=s.closure._replace(instructions=list(s.closure.instructions))),
     "a value twice": lambda s: s._replace(
         closure=s.closure._replace(instructions=(*s.closure.instructions, s.closure.instructions[0]))
     ),
     "ports exchanged": lambda s: s._replace(ports=(s.ports[1], s.ports[0], *s.ports[2:])),
     "a port of another size": lambda s: s._replace(ports=(*s.ports[:2], ("v", 2), *s.ports[3:])),
+    "a port twice": lambda s: s._replace(ports=(*s.ports, s.ports[-1])),
+    "a list of outputs": lambda s: s._replace(closure=s.closure._replace(outputs=list(s.closure.outputs))),
+    "constants that are no inputs": lambda s: s._replace(sizes=(*s.sizes[:4], 1)),
+    "corrections beside Newton's": lambda s: s._replace(checked=2),
+    "corrections of no number": lambda s: s._replace(checked=2.0, steps=0),
+    "corrections of some": lambda s: s._replace(checked=1, steps=0),
+    "corrections of too few": lambda s: s._replace(
+        checked=2, steps=0, inner=s.inner._replace(outputs=s.inner.outputs[:1])
+    ),
+    "a value beyond the last": lambda s: s._replace(
+        steps=0, closure=s.closure._replace(size=max(item.target for item in s.closure.instructions))
+    ),
+    "a target of no number": lambda s: s._replace(
+        closure=s.closure._replace(instructions=(_halved(s.closure), *s.closure.instructions[1:]))
+    ),
     "steps of no number": lambda s: s._replace(steps=1.0),
     "fewer steps than none": lambda s: s._replace(steps=-1),
 }
@@ -211,6 +240,12 @@ FALSE_SOURCES = {
 def test_false_sources(program, way):
     with pytest.raises(NotProvedError):
         ProgramEquations(FALSE_SOURCES[way](program.source))
+
+
+def test_a_reference_may_be_an_input(program):
+    """Sizes of what laws read of it stand after the others; here there is nothing to read."""
+    source = program.source._replace(sizes=(*program.source.sizes, *_nothing()))
+    assert ProgramEquations(source).sizes == ProgramEquations(program.source).sizes
 
 
 def test_planted_searches(program, monkeypatch):

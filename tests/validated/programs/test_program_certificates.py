@@ -1,15 +1,17 @@
 """Certificates of programs against exact arithmetic: errors of rounding, ranges, pivots, σ's steps; nothing beyond."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import ccpin
 from ccpin import programs
-from ccpin.errors import InvalidInputError
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.programs.compiling import NoCompilerError
 from ccpin.programs.evaluation import values_of
+from ccpin.programs.instructions import GAIN
 from ccpin.programs.lanes import CompiledProgram
 from ccpin.programs.program_sources import assembled
 from ccpin.validated import certify_program
@@ -173,3 +175,102 @@ def test_wrong_arguments_of_regions(certificates, tmp_path):
     program.save(tmp_path / "p.json")
     with pytest.raises(InvalidInputError, match="loaded"):
         certify_program(programs.Program.load(tmp_path / "p.json"), box, bounds=good)
+
+
+@pytest.fixture(scope="module")
+def open_to():
+    """The slider crank's σ and q̈ with gravity, a mass and a length as inputs."""
+    model = ccpin.ReducedModel(ccpin.load("slider_crank"))
+    what, names = ("sigma", "forward_dynamics"), ("gravity", "mass:crank", "length:rod")
+    program = programs.record(model, what, given="near", parameters=names)
+    q, p = np.array(program.example[:1]), np.array(program.example[-3:])
+    box, known = (q - 0.05, q + 0.05), (0.99 * p, 1.01 * p)
+    return certify_program(program, box, bounds={"v": 1.0, "u": 1.0}, parameters=known, max_cells=16)
+
+
+def test_constants_that_are_inputs(open_to):
+    """σ(q, p) and q̈ at random (q, p) against exact numbers; the program refuses other constants."""
+    assert open_to.verdict == "proven", open_to.reason
+    assert "σ(q, p)" in open_to.statement()
+    program, equations, rng = open_to.program, open_to.branch.claim.equations, np.random.default_rng(4)
+    guarded, plain = open_to.guarded(), assembled(program.source._replace(steps=0)).code
+    for _ in range(20):
+        q = rng.uniform(open_to.lower, open_to.upper)
+        rest = open_to.bounds * rng.uniform(-1, 1, len(open_to.bounds))
+        y = np.array(program.example[1:3])
+        with flint.ctx.workprec(BITS):
+            exact = exact_sigma(_Places(program.source, equations.places), q, y)
+            true = exact_values(plain, equations.arranged([*q], exact, [*rest]))
+            wanted = np.array([float(x.mid()) for x in true])
+        near = [float(x.mid()) for x in exact] + open_to.start * rng.uniform(-1, 1, 2)
+        row = np.array(equations.arranged([*q], [*near], [*rest]))
+        given = dict(zip([port.name for port in program.inputs], np.split(row, [1, 3, 4, 5]), strict=True))
+        found = guarded(**given)
+        assert found.status == 0
+        off = np.concatenate([*found.values()]) - wanted
+        assert (np.abs(off) <= np.concatenate([*open_to.error().values()])).all()
+        lower, upper = (np.concatenate(ends) for ends in zip(*open_to.ranges().values(), strict=True))
+        assert ((lower <= wanted) & (wanted <= upper)).all()
+        assert guarded(**given | {"p": given["p"] * (1.0, 1.0, 1.05)}).status == 3
+
+
+class _Places:
+    """A source whose closures are solved at (q, p)."""
+
+    def __init__(self, source, places):
+        self.closure, self.dependent, self.independent = source.closure, source.dependent, places
+
+
+def test_a_step_of_the_motion():
+    """Outputs in double and float against exact ones, and corrections of y within what is proved."""
+    model = ccpin.ReducedModel(ccpin.load("slider_crank"))
+    program = programs.record(model, "step")
+    middle = np.array(program.example[:1])
+    bounds = {"v": 1.0, "u": 1.0, "h": 1e-3}
+    certificate = certify_program(program, (middle - 0.02, middle + 0.02), bounds=bounds, max_cells=4)
+    assert certificate.verdict == "proven", certificate.reason
+    assert certificate.steps is None
+    q, rest = (each.astype(np.float32).astype(float) for each in states(np.random.default_rng(3), certificate, 20))
+    y = on_branch(certificate, q).astype(np.float32).astype(float)
+    inputs = np.split(np.hstack([q, y, rest]), [1, 3, 4, 5], axis=1)
+    names = [port.name for port in program.inputs]
+    doubles, singles = program(**dict(zip(names, inputs, strict=True))), compiled(program)(*inputs)
+    assert not doubles.status.any()
+    code = program.code
+    with flint.ctx.workprec(BITS):
+        wide = code._replace(outputs=(*code.outputs, *program.corrections))
+        exact = [[float(x.mid()) for x in exact_values(wide, row)] for row in np.hstack(inputs)]
+    exact = np.array(exact)
+    for format, found in (("double", np.hstack([*doubles.values()])), ("float", np.hstack(singles[:-1]))):
+        told = np.concatenate([*certificate.error(format).values()])
+        assert (np.abs(found - exact[:, : len(told)]) <= told).all()
+        moved = certificate.computed[format == "float"].found["correction"][0]
+        assert np.linalg.norm(exact[:, len(told) :], axis=1).max() <= moved
+        assert 0 < moved < 0.1
+    assert not certificate.always_trusted()
+    assert "status is 0 or 2" in certificate.statement()
+    steady = certify_program(program, (middle, middle + 1e-9), bounds=dict.fromkeys(bounds, 1e-9), max_cells=1)
+    assert steady.always_trusted("double") == (steady.computed[0].found["correction"][0] <= 0.9e-6)
+
+
+def test_what_reads_the_turn_of_a_ball_is_refused(certificates):
+    """By name, as no certificate."""
+    program = certificates["slider_crank", "closed"].program
+    inner = program.source.inner
+    turned = inner.instructions[0]._replace(kind=GAIN, a=0, b=0, constant=None)
+    source = program.source._replace(inner=inner._replace(instructions=(turned, *inner.instructions[1:])))
+    with pytest.raises(UnsupportedMechanismError, match="turned"):
+        certify_program(replace(program, source=source), ([1.0], [1.1]), bounds={"v": 1.0, "u": 1.0})
+
+
+def test_parameters_are_asked_for_where_they_are_read(certificates, open_to):
+    box = ([1.0], [1.1])
+    good, program = {"v": 1.0, "u": 1.0}, open_to.program
+    low, high = open_to.lower[1:], open_to.upper[1:]
+    for wrong in (None, (high, low), (low[:1], high[:1]), (low, np.full(3, np.nan)), low, "ab"):
+        with pytest.raises(InvalidInputError, match="parameters"):
+            certify_program(program, box, bounds=good, parameters=wrong)
+    with pytest.raises(InvalidInputError, match="bounds"):
+        certify_program(program, box, bounds=good | {"p": 1.0}, parameters=(low, high))
+    with pytest.raises(InvalidInputError, match="parameters"):
+        certify_program(certificates["slider_crank", "closed"].program, box, bounds=good, parameters=(low, high))

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from numbers import Real
 
+from ccpin.description.joint_kinds import FIXED
 from ccpin.description.model import Joint, MechanismDescription, Motor
 from ccpin.description.names import choices
 from ccpin.errors import InvalidInputError
@@ -31,7 +32,7 @@ def with_stated(
     Raises:
         InvalidInputError: An unknown joint or field, or something else than a number.
     """
-    names = [joint.name for joint in description.joints]
+    names = {joint.name: joint.kind != FIXED for joint in description.joints}
     by_joint = _checked("joints", joints, names, JOINT_FIELDS)
     by_motor = _checked("motors", motors, names, MOTOR_FIELDS)
     known = {motor.joint: motor for motor in description.motors}
@@ -44,7 +45,7 @@ def with_stated(
 
 
 def _checked(
-    word: str, stated: Stated | None, names: list[str], allowed: tuple[str, ...]
+    word: str, stated: Stated | None, names: dict[str, bool], allowed: tuple[str, ...]
 ) -> dict[str, dict[str, float]]:
     if stated is None:
         return {}
@@ -53,7 +54,8 @@ def _checked(
     found = {}
     for name, numbers in stated.items():
         if name not in names:
-            raise InvalidInputError(f"{word}: '{name}' is no joint; {choices(str(name), names)}")
+            movable = [joint for joint, moves in names.items() if moves]
+            raise InvalidInputError(f"{word}: '{name}' is no joint; {choices(str(name), movable)}")
         if not isinstance(numbers, Mapping):
             raise InvalidInputError(f"{word}: what is stated of '{name}' must be a mapping of {', '.join(allowed)}")
         found[name] = {

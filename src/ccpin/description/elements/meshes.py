@@ -1,9 +1,16 @@
-"""Finding the mesh files a description names."""
+"""Finding the mesh files a description names, and putting them beside a file that is written."""
 
 from __future__ import annotations
 
+import filecmp
 import os
+import shutil
+from dataclasses import replace
+from itertools import chain, count
 from pathlib import Path
+
+from ccpin.description.model import MechanismDescription
+from ccpin.errors import InvalidInputError
 
 SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".off", ".msh")
 """What a mesh file's name ends in, in any letter case; no other file is opened for its geometry."""
@@ -39,3 +46,50 @@ def is_mesh(path: Path) -> bool:
         return path.suffix.lower() in SUFFIXES and path.is_file() and path.stat().st_size <= LARGEST
     except (OSError, ValueError):
         return False
+
+
+def with_meshes_beside(description: MechanismDescription, path: Path) -> MechanismDescription:
+    """The description with its mesh files below the folder of a file that is to be written, and named from there.
+
+    A file that lies there already stays; others are copied into ``meshes``, two of one name under different ones. What
+    is not found keeps its name.
+
+    Raises:
+        InvalidInputError: A file cannot be copied.
+    """
+    names: dict[str, str] = {}
+    shapes = [visual.shape for link in description.links for visual in link.visuals]
+    for mesh in dict.fromkeys(shape.mesh for shape in shapes if shape.mesh):
+        if is_mesh(Path(mesh)):
+            try:
+                names[mesh] = _beside(Path(mesh).resolve(), path.resolve().parent)
+            except OSError as error:
+                raise InvalidInputError(f"'{mesh}' cannot be copied beside '{path}': {error.strerror}") from error
+    links = tuple(
+        replace(
+            link,
+            visuals=tuple(
+                replace(visual, shape=replace(visual.shape, mesh=names[visual.shape.mesh]))
+                if visual.shape.mesh in names
+                else visual
+                for visual in link.visuals
+            ),
+        )
+        for link in description.links
+    )
+    return replace(description, links=links)
+
+
+def _beside(mesh: Path, folder: Path) -> str:
+    """The name from a folder of a mesh file, or of its copy there."""
+    if mesh.is_relative_to(folder):
+        return mesh.relative_to(folder).as_posix()
+    names = chain([mesh.name], (f"{mesh.stem}_{k}{mesh.suffix}" for k in count(2)))
+    for target in (folder / "meshes" / name for name in names):
+        if not target.exists():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(mesh, target)
+            return target.relative_to(folder).as_posix()
+        if target.is_file() and filecmp.cmp(mesh, target, shallow=False):
+            return target.relative_to(folder).as_posix()
+    raise AssertionError("names do not end")

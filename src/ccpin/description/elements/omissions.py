@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ccpin.description.joint_kinds import FIXED
+from ccpin.description.joint_kinds import FIXED, JOINT_KINDS
 from ccpin.description.model import MechanismDescription, Motor
 
+_MANY = tuple(name for name, kind in JOINT_KINDS.items() if kind.nv > 1)
 _MOST = 5  # names in one sentence
 
 
@@ -38,6 +39,14 @@ _STATED: dict[str, Callable[[MechanismDescription], list[str]]] = {
         m.joint for m in _driven(d) if np.isfinite(m.lower) != np.isfinite(m.upper)
     ],
     "the loops closed around motors": lambda d: [f"{m.joint} ({m.kind})" for m in _driven(d) if m.kind != "motor"],
+    "what the file tells MuJoCo's solver": lambda d: [
+        *d.solver.options,
+        *d.solver.flags,
+        *(f"softness of {name}" for name in (*d.solver.equalities, *d.solver.joints)),
+    ],
+    "limits of effort of 0, and of joints of several velocities": lambda d: [
+        j.name for j in d.joints if j.effort == 0.0 or (np.isfinite(j.effort) and j.kind in _MANY)
+    ],
     "limits of velocity": _limited("velocity"),
     "limits of position on one side": lambda d: [
         j.name for j in d.joints if np.isfinite(j.lower) != np.isfinite(j.upper)

@@ -12,12 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
 from ccpin.description.elements.xml import ZERO, XmlElement, fail
-from ccpin.description.mjcf.schema import ATTRIBUTES, LEAVES, NUMERIC, ORIENTATIONS
+from ccpin.description.mjcf.schema import ATTRIBUTES, LEAVES, NUMERIC, ORIENTATIONS, SOFT, SOFT_JOINT
 from ccpin.description.model import frame, rotation_to
 from ccpin.errors import DescriptionError
 
 _LARGEST = 1e30  # a number beyond it is refused, and inf and NaN with it
 _LONGEST = 10  # numbers of a numeric attribute: more are refused
+_SOFT = {*SOFT, *SOFT_JOINT} - {"margin"}
 _FLAGS = {"true": True, "false": False}
 
 
@@ -172,9 +173,16 @@ class Element:
 
 
 def merged(inherited: Mapping[str, str], own: Mapping[str, str]) -> dict[str, str]:
-    """Return the attributes of both, `own` winning; its orientation replaces every inherited one."""
+    """Return the attributes of both, `own` winning; its orientation replaces every inherited one.
+
+    Of solref and solimp and their like own numbers replace as many inherited ones, as MuJoCo has it.
+    """
     drop = ORIENTATIONS if ORIENTATIONS & own.keys() else frozenset()
-    return {**{name: value for name, value in inherited.items() if name not in drop}, **own}
+    soft = {
+        name: " ".join([*own[name].split(), *inherited[name].split()[len(own[name].split()) :]])
+        for name in _SOFT & own.keys() & inherited.keys()
+    }
+    return {**{name: value for name, value in inherited.items() if name not in drop}, **own, **soft}
 
 
 def _axisangle(element: Element, angles: Angles) -> Array:

@@ -15,8 +15,8 @@ from ccpin.description.elements.xml import ZERO, XmlElement, fail
 from ccpin.description.mjcf.defaults import MAIN, Defaults
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.joints import NameGiver, WorldBody, displacement
-from ccpin.description.mjcf.schema import WORLD
-from ccpin.description.mjcf.tendons import Tendons, tendon_coupling
+from ccpin.description.mjcf.schema import SOFT, WORLD
+from ccpin.description.mjcf.tendons import StraightTendon, Tendons, tendon_coupling
 from ccpin.description.model import Coupling, CouplingTerm, LoopClosure, frame
 
 _KINDS: dict[str, str] = {"connect": "spherical", "weld": "fixed"}
@@ -28,7 +28,7 @@ _POLYNOMIAL = (0.0, 1.0, 0.0, 0.0, 0.0)  # MuJoCo's own polycoef: y = x
 class Equalities:
     """The active constraints: closures, couplings, the joints couplings determine, and what was left out.
 
-    `tendons` names the tendons whose equalities are among the couplings.
+    `tendons` names the tendons whose equalities are among them, `softness` tells solref and solimp as written, by name.
     """
 
     closures: list[LoopClosure] = field(default_factory=list)
@@ -36,6 +36,7 @@ class Equalities:
     dependent: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     tendons: set[str] = field(default_factory=set)
+    softness: dict[str, dict[str, str]] = field(default_factory=dict)
 
 
 def read_equalities(
@@ -59,16 +60,20 @@ def read_equalities(
             raise fail(xml, "no such equality constraint")
         said = defaults.resolve(xml, MAIN, "equality")
         constraint = _constraint(said, name, tree, tendons)
+        soft = {word: said.values[word] for word in SOFT if word in said.values}
         if not said.flag("active", True):
             found.notes.append(f"The {xml.tag} equality '{name}' is left out: the file says it is not active.")
         elif isinstance(constraint, str):
             found.notes.append(f"The {xml.tag} equality '{name}' is left out: {constraint}.")
-        elif isinstance(constraint, Coupling):
-            found.couplings.append(constraint)
-            found.tendons.update(filter(None, (said.text("tendon1"), said.text("tendon2"))))
-            found.dependent.append(constraint.terms[0].joint)
         else:
-            found.closures.append(constraint)
+            found.tendons.update(filter(None, (said.text("tendon1"), said.text("tendon2"))))
+            if soft:
+                found.softness[name] = soft
+            if isinstance(constraint, LoopClosure):
+                found.closures.append(constraint)
+            else:
+                found.couplings.append(constraint)
+                found.dependent.append(constraint.terms[0].joint)
     make_hinges(found.closures, found.notes, "connects")
     if not found.closures:
         sites = {name: (site.body, site.placement) for name, site in tree.sites.items() if name}
@@ -81,6 +86,9 @@ def _constraint(said: Element, name: str, tree: WorldBody, tendons: Tendons) -> 
     if said.xml.tag == "joint":
         return _coupling(said, name, tree)
     if said.xml.tag == "tendon":
+        rod = tendons.get(said.required("tendon1"))
+        if isinstance(rod, StraightTendon) and not said.text("tendon2"):
+            return _distance(name, rod, _polynomial(said)[0], tree)
         return tendon_coupling(said, name, _polynomial(said), tendons, tree)
     return _closure(said, name, tree)
 
@@ -102,6 +110,15 @@ def _closure(said: Element, name: str, tree: WorldBody) -> LoopClosure:
     turns = said.xml.tag == "weld" and said.number("torquescale", 1.0) == 0.0
     kind = "spherical" if turns else _KINDS[said.xml.tag]
     return LoopClosure(name, kind, first[0], second[0], first[1], second[1])
+
+
+def _distance(name: str, rod: StraightTendon, longer: float, tree: WorldBody) -> LoopClosure | str:
+    """Two sites as far apart as at qpos0, and `longer`."""
+    (link_a, a), (link_b, b) = ((tree.sites[site].body, tree.sites[site].placement) for site in rod)
+    length = float(np.linalg.norm((tree.pose_between(link_a, link_b) @ b - a)[:3, 3])) + longer
+    if length <= 0.0:
+        return "two points that are to coincide are a <connect>, and a tendon has a length"
+    return LoopClosure(name, "distance", link_a, link_b, a, b, length)
 
 
 def _site(said: Element, attribute: str, tree: WorldBody) -> tuple[str, Array]:

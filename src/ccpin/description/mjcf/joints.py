@@ -14,7 +14,7 @@ from ccpin.description.elements.xml import ZERO, XmlElement, fail
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.resolving import moved
-from ccpin.description.mjcf.schema import FORCES, KINDS, WORLD
+from ccpin.description.mjcf.schema import FORCES, KINDS, SOFT_JOINT, WORLD
 from ccpin.description.model import IDENTITY, Joint, Link, frame
 
 _DOFS = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}  # velocities of each type
@@ -61,6 +61,7 @@ class WorldBody:
         reference: Displacements of the movable joints at qpos0.
         notes: What was left out.
         springdampers: Time constants (s) and damping ratios that stand for springs and dampers.
+        softness: How soft joints' limits and friction are, as written.
     """
 
     body_names: NameGiver
@@ -72,6 +73,7 @@ class WorldBody:
     reference: dict[str, tuple[float, ...]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     springdampers: dict[str, tuple[float, float]] = field(default_factory=dict)
+    softness: dict[str, dict[str, str]] = field(default_factory=dict)
 
     def pose_between(self, first: str, second: str) -> Array:
         """Return the frame (4, 4) of body `second` in body `first` at qpos0."""
@@ -153,6 +155,9 @@ class JointReader:
         single = kind in ("hinge", "slide")
         forces = said.bounds("actuatorfrclimited", "actuatorfrcrange", self._compiler.autolimits) if single else None
         physics = self._physics(said, kind, name)
+        soft = {word: said.values[word] for word in SOFT_JOINT if word in said.values}
+        if soft:
+            self._tree.softness[name] = soft
         return Joint(
             name=name,
             kind=KINDS[kind],

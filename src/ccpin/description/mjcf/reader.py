@@ -24,9 +24,9 @@ from ccpin.description.mjcf.joints import WorldBody
 from ccpin.description.mjcf.keyframes import read_keyframes
 from ccpin.description.mjcf.replicate import expand_replicates
 from ccpin.description.mjcf.resolving import damped, inertias_at_reference, sprung
-from ccpin.description.mjcf.schema import ATTRIBUTES, SECTIONS, WORLD
+from ccpin.description.mjcf.schema import ATTRIBUTES, DISABLED, SECTIONS, WORLD
 from ccpin.description.mjcf.tendons import left_out, read_tendons
-from ccpin.description.model import Joint, MechanismDescription, Motor
+from ccpin.description.model import Joint, MechanismDescription, Motor, SolverWords
 
 _UNMODELLED = {
     "contact": "The contact section is left out: ccpin does not model contacts.",
@@ -73,7 +73,8 @@ def mjcf_description(root: XmlElement, *, include_root: str | Path | None = None
     if left_out(sections["tendon"], defaults, frozenset(equalities.tendons)):
         notes.append("The tendons are left out, but for equalities of fixed ones: ccpin does not model them.")
     if any(xml.get("solref") or xml.get("solimp") for part in root.iter("equality") for xml in part.iter()):
-        notes.append("The softness of constraints (solref, solimp) is left out: closures and couplings hold exactly.")
+        said = "The softness of constraints (solref, solimp) is left out: closures and couplings hold exactly"
+        notes.append(f"{said}; files written as MJCF state it again.")
     notes += [*options.notes, *actuators.notes]
     joints = _joints(tree, actuators, options.disabled, notes)
     poses = read_keyframes(sections["keyframe"], tree)
@@ -94,6 +95,7 @@ def mjcf_description(root: XmlElement, *, include_root: str | Path | None = None
             gravity=options.gravity,
             source=source,
             notes=(*tree.notes, *equalities.notes, *notes),
+            solver=SolverWords(options.words, options.flags, equalities.softness, tree.softness),
         )
     )
 
@@ -112,18 +114,22 @@ def _sections(root: XmlElement) -> dict[str, list[XmlElement]]:
 
 
 class _FileOptions(NamedTuple):
-    """Gravity, what of physics the file switches off, and notes on what it has besides."""
+    """Gravity, what of physics the file switches off, notes on what it has besides, and all other words and flags."""
 
     gravity: _Gravity
     disabled: frozenset[str]
     notes: tuple[str, ...]
+    words: dict[str, str]
+    flags: dict[str, str]
 
 
 def _options(sections: Sequence[XmlElement]) -> _FileOptions:
     """Read every <option>, later ones winning."""
     gravity, disabled, notes = (0.0, 0.0, -9.81), set[str](), dict[str, None]()
+    kept, switches = dict[str, str](), dict[str, str]()
     for section in sections:
         said = Element.of(section)
+        kept |= {name: value for name, value in said.values.items() if name != "gravity"}
         x, y, z = said.vector("gravity", 3, gravity)
         gravity = (float(x), float(y), float(z))
         for name in ("density", "viscosity"):
@@ -134,13 +140,15 @@ def _options(sections: Sequence[XmlElement]) -> _FileOptions:
         for xml in section.iterchildren("flag"):
             flags = Element.of(xml)
             words = ("enable", "disable")
-            for name in ("gravity", "equality", "spring", "damper", "passive", "frictionloss", "actuation"):
+            switches |= {name: value for name, value in flags.values.items() if name not in DISABLED}
+            for name in DISABLED:
                 if name in flags.values:
                     off = flags.choice(name, words, "enable") == "disable"
                     (disabled.add if off else disabled.discard)(name)
     if "actuation" in disabled:
         notes["The file disables its actuators (flag actuation); they count as motors."] = None
-    return _FileOptions((0.0, 0.0, 0.0) if "gravity" in disabled else gravity, frozenset(disabled), tuple(notes))
+    felt = (0.0, 0.0, 0.0) if "gravity" in disabled else gravity
+    return _FileOptions(felt, frozenset(disabled), tuple(notes), kept, switches)
 
 
 def _loaded(tree: WorldBody, actuators: Actuators) -> list[Joint]:

@@ -10,6 +10,12 @@ KINDS = {"free": "floating", "ball": "spherical", "slide": "prismatic", "hinge":
 """What each type of joint is in a description."""
 FORCES = {"armature": "armature", "damping": "damping", "frictionloss": "friction", "stiffness": "stiffness"}
 """What each attribute of a joint's own forces is there."""
+SOFT = ("solref", "solimp")
+"""How soft an equality is."""
+SOFT_JOINT = ("solreflimit", "solimplimit", "solreffriction", "solimpfriction", "margin")
+"""How soft a joint's limits and friction are, and how soon its limits are felt."""
+DISABLED = ("gravity", "equality", "spring", "damper", "passive", "frictionloss", "actuation")
+"""Flags that switch parts of the mechanism off, which the reader does."""
 ORIENTATIONS = frozenset({"quat", "axisangle", "xyaxes", "zaxis", "euler"})
 
 _FRAME = "pos quat axisangle xyaxes zaxis euler"
@@ -66,6 +72,7 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
         "equality/joint": f"{_EQUALITY} joint1 joint2 polycoef",
         "equality/tendon": f"{_EQUALITY} tendon1 tendon2 polycoef",
         "fixed/joint": "joint coef",
+        "spatial/site": "site",
         "freejoint": "name group align",
         "geom": f"{_GEOM} {_FRAME}",
         "site": f"name class type group material size fromto mesh rgba user {_FRAME}",

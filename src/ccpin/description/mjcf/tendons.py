@@ -1,8 +1,9 @@
-"""MJCF's ``<fixed>`` tendons, whose lengths are sums of joint displacements, and the equalities between them."""
+"""MJCF's ``<fixed>`` tendons, whose lengths are sums of joint displacements, and those straight from site to site."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import NamedTuple
 
 from ccpin.description.elements.xml import XmlElement, fail
 from ccpin.description.mjcf.defaults import MAIN, Defaults
@@ -10,8 +11,16 @@ from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.joints import WorldBody, displacement
 from ccpin.description.model import Coupling, CouplingTerm
 
-Tendons = dict[str, Mapping[str, float] | None]
-"""The coefficients of each fixed tendon by joint; ``None`` for a spatial tendon."""
+
+class StraightTendon(NamedTuple):
+    """A spatial tendon straight from one site to another."""
+
+    first: str
+    second: str
+
+
+Tendons = dict[str, Mapping[str, float] | StraightTendon | None]
+"""The coefficients of each fixed tendon by joint, the ends of a straight one; ``None`` for any other spatial tendon."""
 
 _PHYSICS = ("stiffness", "damping", "frictionloss", "armature", "range", "actuatorfrcrange")
 
@@ -30,10 +39,26 @@ def read_tendons(sections: Iterable[XmlElement], tree: WorldBody) -> Tendons:
         name = said.text("name")
         if name in tendons:
             raise said.fail("the tendon name is used twice")
-        coefficients = _coefficients(said, tree) if xml.tag == "fixed" else None
+        length = _coefficients(said, tree) if xml.tag == "fixed" else _rod(said, tree)
         if name:
-            tendons[name] = coefficients
+            tendons[name] = length
     return tendons
+
+
+def _rod(said: Element, tree: WorldBody) -> StraightTendon | None:
+    """The ends of a tendon of two sites and nothing else.
+
+    Raises:
+        DescriptionError: One does not exist.
+    """
+    parts = [Element.of(xml) for xml in said.xml.iterchildren("*")]
+    if [part.xml.tag for part in parts] != ["site", "site"]:
+        return None
+    ends = [part.required("site") for part in parts]
+    for part, site in zip(parts, ends, strict=True):
+        if site not in tree.sites:
+            raise part.fail(f"there is no site '{site}'; there are: {', '.join(tree.sites) or 'none'}")
+    return StraightTendon(*ends)
 
 
 def _coefficients(said: Element, tree: WorldBody) -> dict[str, float]:
@@ -56,7 +81,11 @@ def left_out(sections: Iterable[XmlElement], defaults: Defaults, equated: frozen
     """Whether the file's tendons are more than the sides of the equalities that were read (names in `equated`)."""
     for xml in (xml for section in sections for xml in section.iterchildren("*")):
         said = defaults.resolve(xml, MAIN, "tendon")
-        if xml.tag != "fixed" or said.text("name") not in equated or any(said.text(word) for word in _PHYSICS):
+        if (
+            xml.tag not in ("fixed", "spatial")
+            or said.text("name") not in equated
+            or any(said.text(word) for word in _PHYSICS)
+        ):
             return True
     return False
 
@@ -79,7 +108,7 @@ def tendon_coupling(
     if first == second:
         raise said.fail(f"it couples tendon '{first}' to itself")
     length, driver = tendons[first], tendons[second] if second else {}
-    if length is None or driver is None:
+    if not isinstance(length, Mapping) or not isinstance(driver, Mapping):
         return "ccpin does not model spatial tendons"
     if len(driver) > 1 and any(polynomial[2:]):
         return "its polynomial is of a higher degree than one in a sum of several joints"

@@ -11,9 +11,11 @@ from numpy.polynomial import Polynomial
 from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
+from ccpin.description.elements.graph import zero_poses
 from ccpin.description.elements.omissions import left_out, not_written
 from ccpin.description.elements.xml import XmlElement, cannot, saved, written
 from ccpin.description.mjcf.schema import FORCES, KINDS, WORLD
+from ccpin.description.mjcf.tightening import tightened
 from ccpin.description.model import (
     IDENTITY,
     Coupling,
@@ -29,6 +31,7 @@ from ccpin.description.model import (
 
 _TYPES = {kind: word for word, kind in KINDS.items()} | {"continuous": "hinge"}
 _CLOSURES = ("spherical", "revolute", "fixed")
+_EFFORTS = "limits of effort of 0, and of joints of several velocities"  # 0 is none there, nor is it of a motor here
 _MESHES = (".stl", ".obj", ".msh")
 _LARGEST_POWER = 4  # of x in an equality's polycoef
 
@@ -38,7 +41,10 @@ def write_mjcf(description: MechanismDescription, path: str | Path) -> tuple[str
 
     A massless link between two joints goes into the body after it, as MuJoCo asks; reading it makes it anew. A
     revolute closure, which MJCF has not, becomes two connects on its axis. A coupling is an equality of two joints, or
-    of <fixed> tendons where it sums more. Poses are keyframes, the reference pose the one called "reference". Bodies'
+    of <fixed> tendons where it sums more, a distance one of a <spatial> tendon. What the file told MuJoCo's solver
+    (`SolverWords`) is told again; `tightened` makes it hold loops as tightly as it can.
+
+    Poses are keyframes, the reference pose the one called "reference". Bodies'
     visuals are geoms that touch nothing; meshes that are not there, or of another kind than STL, OBJ and MSH, are not
     drawn. Which joints are independent, velocity limits and notes have no place in MJCF.
 
@@ -50,19 +56,30 @@ def write_mjcf(description: MechanismDescription, path: str | Path) -> tuple[str
             mass, a coupling in which more than one joint is curved.
         InvalidInputError: The file cannot be written.
     """
-    writer = _MjcfWriter(description)
+    writer = _MjcfWriter(description, Path(path).parent)
     saved(writer.document(), path)
-    words = ("which joints are independent", "limits of velocity", "limits of position on one side")
+    words = ("which joints are independent", "limits of velocity", "limits of position on one side", _EFFORTS)
     motors = ("bounds of motors on one side", "the loops closed around motors")
     meshes = "meshes that are not there or neither STL, OBJ nor MSH"
-    return (*left_out(description, "MJCF", *words, *motors), *not_written("MJCF", meshes, writer.undrawn))
+    told = (*left_out(description, "MJCF", *words, *motors), *not_written("MJCF", meshes, writer.undrawn))
+    return (*told, *_softly_held(description))
+
+
+def _softly_held(description: MechanismDescription) -> tuple[str, ...]:
+    """A sentence on the loops that MuJoCo holds by its own numbers, or by the file's."""
+    names = [closure.name for closure in description.closures] + [each.name for each in description.couplings]
+    stated = [name for name in names if name in description.solver.equalities]
+    if not names or description.solver == tightened(description).solver:
+        return ()
+    whose = "as the file read states (solref, solimp)" if stated else "by its own solref and solimp"
+    return (f"MuJoCo holds loops softly, {whose}: they open by what a run shows; loops='tight' holds them closed",)
 
 
 class _MjcfWriter:
     """One document."""
 
-    def __init__(self, description: MechanismDescription) -> None:
-        self.description = description
+    def __init__(self, description: MechanismDescription, folder: Path) -> None:
+        self.description, self.folder = description, folder
         self.links = {link.name: link for link in description.links}
         self.below: dict[str, list[Joint]] = {}
         for joint in description.joints:
@@ -78,7 +95,10 @@ class _MjcfWriter:
     def document(self) -> XmlElement:
         """The whole file."""
         etree.SubElement(self.root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
-        etree.SubElement(self.root, "option", gravity=written(self.description.gravity))
+        solver = self.description.solver
+        option = etree.SubElement(self.root, "option", gravity=written(self.description.gravity), **solver.options)
+        if solver.flags:
+            etree.SubElement(option, "flag", **solver.flags)
         assets = etree.SubElement(self.root, "asset")
         world = etree.SubElement(self.root, "worldbody")
         self.tree(world)
@@ -152,7 +172,8 @@ class _MjcfWriter:
         kind = _TYPES[joint.kind]
         if kind == "ball" and not np.allclose(place[:3, :3], np.eye(3), atol=1e-12):
             raise cannot(self.description, f"joint '{joint.name}'", "its massless link is turned against the next body")
-        element = etree.SubElement(body, "joint", name=joint.name, type=kind)
+        soft = self.description.solver.joints.get(joint.name, {})
+        element = etree.SubElement(body, "joint", name=joint.name, type=kind, **soft)
         self.order.append(joint)
         if kind in ("hinge", "slide"):
             element.set("axis", written(place[:3, :3] @ joint.axis))
@@ -165,7 +186,7 @@ class _MjcfWriter:
                 element.set(attribute, written(getattr(joint, field)))
         if joint.stiffness and kind != "ball":
             element.set("springref", written(joint.spring_reference))
-        if np.isfinite(joint.effort) and kind in ("hinge", "slide"):
+        if np.isfinite(joint.effort) and joint.effort and kind in ("hinge", "slide"):
             element.set("actuatorfrcrange", written([-joint.effort, joint.effort]))
 
     def dress(self, body: XmlElement, link: Link) -> None:
@@ -191,7 +212,7 @@ class _MjcfWriter:
         said |= {"contype": "0", "conaffinity": "0", "group": "2", "mass": "0"}
         if shape.kind == "mesh":
             file = shape.mesh or ""
-            if Path(file).suffix.lower() not in _MESHES or not Path(file).is_file():
+            if Path(file).suffix.lower() not in _MESHES or not (self.folder / file).is_file():
                 self.undrawn.append(file)
                 return
             said["mesh"] = self.meshes.setdefault((file, size), f"mesh_{len(self.meshes) + 1}")
@@ -204,8 +225,11 @@ class _MjcfWriter:
         """Closures between sites, couplings between joints."""
         section = etree.SubElement(self.root, "equality")
         for closure in self.description.closures:
+            if closure.kind == "distance":
+                self.rod(section, closure)
+                continue
             if closure.kind not in _CLOSURES:
-                message = f"MJCF has no {closure.kind} closure, only {', '.join(_CLOSURES)}"
+                message = f"MJCF has no {closure.kind} closure, only {', '.join(_CLOSURES)}, distance"
                 raise cannot(self.description, f"closure '{closure.name}'", message)
             if closure.kind == "fixed":
                 self.between(section, "weld", closure.name, closure, IDENTITY)
@@ -219,13 +243,35 @@ class _MjcfWriter:
 
     def between(self, section: XmlElement, kind: str, name: str, closure: LoopClosure, along: Array) -> None:
         """One equality between a site on each of the two bodies."""
+        first, second = self.sites(name, closure, along)
+        etree.SubElement(section, kind, name=name, site1=first, site2=second, **self.softness(closure.name))
+
+    def softness(self, name: str) -> Mapping[str, str]:
+        """What the file said of how soft a closure or coupling is."""
+        return self.description.solver.equalities.get(name, {})
+
+    def rod(self, section: XmlElement, closure: LoopClosure) -> None:
+        """A tendon straight from site to site, as much longer than where the bodies are drawn as its length asks."""
+        poses = zero_poses(self.description.root, self.description.joints)
+        a, b = (poses[link] @ place for link, place in closure.ends)
+        longer = float(closure.length or 0.0) - float(np.linalg.norm((b - a)[:3, 3]))
+        tendons = self.root.find("tendon")
+        tendons = etree.SubElement(self.root, "tendon") if tendons is None else tendons
+        tendon = etree.SubElement(tendons, "spatial", name=f"{closure.name}_rod")
+        for site in self.sites(closure.name, closure, IDENTITY):
+            etree.SubElement(tendon, "site", site=site)
+        said = {"name": closure.name, "tendon1": f"{closure.name}_rod", "polycoef": written([longer, 0, 0, 0, 0])}
+        etree.SubElement(section, "tendon", said, **self.softness(closure.name))
+
+    def sites(self, name: str, closure: LoopClosure, along: Array) -> list[str]:
+        """A site on each of the two bodies; returns their names."""
         sites = []
         for side, (link, placement) in zip("ab", closure.ends, strict=True):
             sites.append(f"{name}_{side}")
             place = np.asarray(placement) @ along
             # sites stand after a body's joints and geoms, before the bodies on it
             etree.SubElement(self.bodies[link], "site", name=sites[-1], **({"pos": "0 0 0"} | _pose(place)))
-        etree.SubElement(section, kind, name=name, site1=sites[0], site2=sites[1])
+        return sites
 
     def coupling(self, section: XmlElement, coupling: Coupling) -> None:
         """y = p(x), or y constant, by joint displacements from zero, where the bodies are drawn."""
@@ -254,7 +300,7 @@ class _MjcfWriter:
             names = [self.tendon(f"{coupling.name}_sum", {term.joint: _trimmed(term)[1] for term in own})]
             names += [self.tendon(f"{coupling.name}_by", {term.joint: 1.0}) for term in curved]
         said |= {f"{kind}{place}": name for place, name in enumerate(names, start=1)}
-        etree.SubElement(section, kind, said)
+        etree.SubElement(section, kind, said, **self.softness(coupling.name))
 
     def tendon(self, name: str, coefficients: Mapping[str, float]) -> str:
         """A <fixed> tendon, whose length is a sum of joint displacements; returns its name."""

@@ -60,7 +60,13 @@ def write_sdf(description: MechanismDescription, path: str | Path) -> tuple[str,
     writer = _SdfWriter(description)
     saved(writer.document(), path)
     renamed = [f"{old} is {new}" for old, new in writer.names.items() if new not in (old, WORLD)]
-    words = ("the reference pose", "further poses", "which joints are independent", "motors")
+    words = (
+        "the reference pose",
+        "further poses",
+        "which joints are independent",
+        "motors",
+        "what the file tells MuJoCo's solver",
+    )
     told = left_out(description, "SDFormat", *words)
     return (*told, *not_written("SDFormat", "two things of one name; of the links", renamed))
 

@@ -24,6 +24,7 @@ class Marks(NamedTuple):
     dependent_hint: tuple[str, ...]
     reference: dict[str, tuple[float, ...]]
     poses: dict[str, dict[str, tuple[float, ...]]]
+    gravity: tuple[float, float, float]
     notes: tuple[str, ...] = ()
 
 
@@ -53,6 +54,7 @@ def read_marks(root: XmlElement, joints: Sequence[Joint]) -> Marks:
         independent_is_default=independent is not None and any(name not in marked for name in independent),
         dependent_hint=tuple(hints),
         reference=_reference(root),
+        gravity=_gravity(root),
         poses=_poses(root, {joint.name for joint in joints if joint.kind != "fixed"}),
         notes=tuple(notes),
     )
@@ -82,6 +84,13 @@ def _couplings(root: XmlElement, joints: Sequence[Joint]) -> tuple[list[Coupling
         couplings.append(Coupling(name, (*terms, *(CouplingTerm(joint, (0.0, -1.0)) for joint in driven))))
         hints += driven
     return couplings, hints
+
+
+def _gravity(root: XmlElement) -> tuple[float, float, float]:
+    """``<gravity xyz>``, ccpin's own word, m/s² in the root link's axes."""
+    stated = next(children(root, "gravity"), None)
+    x, y, z = (0.0, 0.0, -9.81) if stated is None else numbers(stated, "xyz", 3)
+    return x, y, z
 
 
 def _reference(root: XmlElement) -> dict[str, tuple[float, ...]]:

@@ -98,6 +98,7 @@ def urdf_description(root: XmlElement) -> MechanismDescription:
             motors=drive.motors,
             reference=marks.reference,
             poses=marks.poses,
+            gravity=marks.gravity,
             source=source,
             notes=(*reader.notes, *drive.notes, *marks.notes, *graph.notes),
         )

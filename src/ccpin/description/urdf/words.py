@@ -39,7 +39,7 @@ _REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
 _LOOPS = ("loop", "loop_joint", "constraint", "coupling", "ball_constraint", "distance_constraint")
 
 BELOW_ROOT = Words(
-    ("link", "joint", "transmission", "ros2_control", "group_state", *_LOOPS),
+    ("link", "joint", "transmission", "ros2_control", "group_state", "gravity", *_LOOPS),
     (
         *("material", "gazebo", "group", "end_effector", "virtual_joint", "passive_joint", "disable_collisions"),
         *("collision_filter_group", "ignore_self_collision", "sensor"),
@@ -75,6 +75,7 @@ WITHIN: dict[str, Words] = {
         ("hardwareInterface", "motorTorqueConstant", "offset", "role", "encoder", "efficiency"),
         ("name", "role"),
     ),
+    "robot/gravity": Words((), (), ("xyz",)),
     "parent": Words((), (), ("link",)),
     "child": Words((), (), ("link",)),
     "origin": Words((), (), ("xyz", "rpy")),
@@ -90,7 +91,7 @@ WITHIN: dict[str, Words] = {
 }
 _REPEATED = frozenset(
     {
-        *BELOW_ROOT.bearing,
+        *(word for word in BELOW_ROOT.bearing if word != "gravity"),
         *BELOW_ROOT.idle,
         *("visual", "collision", "actuator", "mechanicalReduction", "hardwareInterface"),
         *("coupling/predecessor", "coupling/successor"),

@@ -2,33 +2,52 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import yourdfpy
 from lxml import etree
-from trimesh.transformations import euler_from_matrix
 
+from ccpin.arrays import Array
 from ccpin.description.elements.omissions import left_out, not_written
 from ccpin.description.elements.xml import XmlElement, cannot, saved, written
-from ccpin.description.model import Coupling, Joint, Link, LoopClosure, MechanismDescription, Visual, frame
+from ccpin.description.model import (
+    IDENTITY,
+    Coupling,
+    Joint,
+    Link,
+    LoopClosure,
+    MechanismDescription,
+    Motor,
+    Visual,
+    frame,
+)
 
+EARTH = (0.0, 0.0, -9.81)  # m/s², gravity where a file states none
+_DRAKE = "http://drake.mit.edu"
 _UNDRAWN = ("capsule", "ellipsoid")
 
 
-def write_urdf(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
-    """Write a description as a URDF with URDF+ loops, which ccpin reads back as the same mechanism.
+def write_urdf(description: MechanismDescription, path: str | Path, loops: str = "plus") -> tuple[str, ...]:
+    """Write a description as a URDF whose loops are URDF+'s, or others', which ccpin reads back as the same mechanism.
 
     Linear couplings of two joints become mimic joints, springs Gazebo's elements, gears mechanical reductions, poses
-    <group_state>s. Gravity, notes, bounds and gains of motors, and shapes URDF has no element for (capsules,
-    ellipsoids) are not written. The rotor inertia of a joint without a motor is ``armature`` of its <dynamics>, which
-    only ccpin reads.
+    <group_state>s. Notes, bounds and gains of motors, and shapes URDF has no element for (capsules, ellipsoids) are not
+    written. The rotor inertia of a joint without a motor is ``armature`` of its <dynamics>, gravity other than the
+    Earth's along −z a <gravity> below <robot>: both are read by ccpin alone.
+
+    Args:
+        description: What to write.
+        path: The file.
+        loops: A dialect of `CLOSING`: ``"plus"``, ``"drake"`` or ``"isaac"``.
 
     Returns:
         What is stated and not written, in sentences.
 
     Raises:
-        DescriptionError: A coupling is not linear in two joints.
+        DescriptionError: A coupling is not linear in two joints, or the dialect has no words for a closure.
         InvalidInputError: The file cannot be written.
     """
     root = urdf_document(description).write_xml().getroot()
@@ -40,17 +59,22 @@ def write_urdf(description: MechanismDescription, path: str | Path) -> tuple[str
                 joints[joint.name].set("independent", str(marked).lower())
     for coupling in description.couplings:
         _mimic(joints, coupling, description)
+    for joint in description.joints:
+        _place(joints[joint.name], joint.placement)
     for closure in description.closures:
-        _loop(root, closure)
+        CLOSING[loops](root, closure, description)
+    if description.gravity != EARTH:
+        etree.SubElement(root, "gravity", xyz=written(description.gravity))
     armature = {joint.name: joint.armature for joint in description.joints if joint.armature}
-    gears = {motor.joint: motor.gear for motor in description.motors}
+    motors = {motor.joint: motor for motor in description.motors}
     for name in description.actuated or ():
-        motor = etree.SubElement(root, "transmission", name=f"{name}_motor")
-        etree.SubElement(motor, "joint", name=name)
-        actuator = etree.SubElement(motor, "actuator", name=name)
+        stated = motors.get(name, Motor(name, name))
+        drive = etree.SubElement(root, "transmission", name=f"{name}_motor")
+        etree.SubElement(drive, "joint", name=name)
+        actuator = etree.SubElement(drive, "actuator", name=stated.name)
         etree.SubElement(actuator, "rotor_inertia", value=str(armature.pop(name, 0.0)))
-        if gears.get(name, 1.0) != 1.0:
-            etree.SubElement(actuator, "mechanicalReduction").text = str(gears[name])
+        if stated.gear != 1.0:
+            etree.SubElement(actuator, "mechanicalReduction").text = str(stated.gear)
     for name, inertia in armature.items():
         dynamics = joints[name].find("dynamics")
         dynamics = etree.SubElement(joints[name], "dynamics") if dynamics is None else dynamics
@@ -66,9 +90,10 @@ def write_urdf(description: MechanismDescription, path: str | Path) -> tuple[str
         for joint_name, values in pose.items():
             etree.SubElement(state, "joint", name=joint_name, value=written(values))
     saved(root, path)
-    words = ("gravity", "bounds of motors", "the loops closed around motors", "limits of position on one side")
+    words = ("bounds of motors", "the loops closed around motors", "limits of position on one side")
     undrawn = [link.name for link in description.links for visual in link.visuals if visual.shape.kind in _UNDRAWN]
-    return (*left_out(description, "URDF", *words), *not_written("URDF", "capsules and ellipsoids", undrawn))
+    kept = left_out(description, "URDF", *words, "what the file tells MuJoCo's solver")
+    return (*kept, *not_written("URDF", "capsules and ellipsoids", undrawn))
 
 
 def urdf_document(description: MechanismDescription) -> yourdfpy.URDF:
@@ -138,15 +163,81 @@ def _mimic(joints: dict[str, XmlElement], coupling: Coupling, description: Mecha
     etree.SubElement(joints[dependent.joint], "mimic", attributes)
 
 
-def _loop(root: XmlElement, closure: LoopClosure) -> None:
+def _place(above: XmlElement, placement: Array) -> None:
+    """An <origin>, in place of one that is there."""
+    for old in above.findall("origin"):
+        above.remove(old)
+    above.insert(0, etree.Element("origin", **_origin(placement)))
+
+
+def _origin(placement: Array) -> dict[str, str]:
+    """xyz and rpy, whose digits are those of the rotation also where pitch is a right angle.
+
+    Of R = R_z(yaw) R_y(pitch) R_x(roll) the yaw is read off the first column, however short its part in the plane is,
+    and the roll off the middle row of R_z(−yaw) R, which is (0, cos, −sin): whatever the yaw, the three make R.
+    """
+    turn = placement[:3, :3]
+    yaw = math.atan2(turn[1, 0], turn[0, 0])
+    s, c = math.sin(yaw), math.cos(yaw)
+    pitch = math.atan2(-turn[2, 0], c * turn[0, 0] + s * turn[1, 0])
+    across = c * turn[1] - s * turn[0]
+    return {"xyz": written(placement[:3, 3]), "rpy": written([math.atan2(-across[2], across[1]), pitch, yaw])}
+
+
+def _plus(root: XmlElement, closure: LoopClosure, _: MechanismDescription) -> None:
     """Write a <loop>: both frames as origins, whose z axes (x and y for a universal joint) are the axes."""
     loop = etree.SubElement(root, "loop", name=closure.name, type=closure.kind)
     for role, (link, placement) in zip(("predecessor", "successor"), closure.ends, strict=True):
-        end = etree.SubElement(loop, role, link=link)
-        etree.SubElement(end, "origin", xyz=written(placement[:3, 3]), rpy=written(euler_from_matrix(placement)))
+        _place(etree.SubElement(loop, role, link=link), placement)
     universal = closure.kind == "universal"
     etree.SubElement(loop, "axis", xyz="1 0 0" if universal else "0 0 1")
     if universal:
         etree.SubElement(loop, "axis2", xyz="0 1 0")
     if closure.length is not None:
         etree.SubElement(loop, "length", value=str(closure.length))
+
+
+def _isaac(root: XmlElement, closure: LoopClosure, description: MechanismDescription) -> None:
+    """Isaac Sim's <loop_joint>, which states two frames and no axis: a ball, a weld, or two balls on a hinge's axis."""
+    kinds = ("spherical", "fixed", "revolute")
+    for name, kind, along in _points(closure, description, "Isaac Sim's loops", kinds):
+        loop = etree.SubElement(root, "loop_joint", name=name, type=kind)
+        for number, (link, placement) in enumerate(closure.ends, start=1):
+            etree.SubElement(loop, f"link{number}", link=link, **_origin(placement @ along))
+
+
+def _drake(root: XmlElement, closure: LoopClosure, description: MechanismDescription) -> None:
+    """Drake's constraints of points: a ball, two of them on a hinge's axis, a distance."""
+    kinds = ("spherical", "revolute", "distance")
+    for name, kind, along in _points(closure, description, "Drake's URDFs", kinds):
+        word = f"{{{_DRAKE}}}{'distance' if kind == 'distance' else 'ball'}_constraint"
+        element = etree.SubElement(root, word, name=name, nsmap={"drake": _DRAKE})
+        for (side, point), (link, placement) in zip((("A", "AP"), ("B", "BQ")), closure.ends, strict=True):
+            etree.SubElement(element, f"{word}_body_{side}", name=link)
+            etree.SubElement(element, f"{word}_p_{point}", value=written((placement @ along)[:3, 3]))
+        if closure.length is not None:
+            etree.SubElement(element, f"{word}_distance", value=written(closure.length))
+
+
+def _points(
+    closure: LoopClosure, description: MechanismDescription, whose: str, kinds: tuple[str, ...]
+) -> list[tuple[str, str, Array]]:
+    """Names, kinds and frames in the closure's own of what asks for what it asks for.
+
+    Raises:
+        DescriptionError: It is of none of these kinds.
+    """
+    if closure.kind not in kinds:
+        raise cannot(description, f"closure '{closure.name}'", f"{whose} have no {closure.kind} closure")
+    if closure.kind != "revolute":
+        return [(closure.name, closure.kind, IDENTITY)]
+    ahead = frame([0.0, 0.0, description.size])
+    return [(closure.name, "spherical", IDENTITY), (f"{closure.name}_axis", "spherical", ahead)]
+
+
+CLOSING: dict[str, Callable[[XmlElement, LoopClosure, MechanismDescription], None]] = {
+    "plus": _plus,
+    "drake": _drake,
+    "isaac": _isaac,
+}
+"""How each dialect states a loop."""

@@ -14,6 +14,7 @@ from ccpin.description.changes.overrides import Stated, with_stated
 from ccpin.description.changes.reference_pose import Pose, with_reference
 from ccpin.description.checks import check
 from ccpin.description.elements.graph import without_strays
+from ccpin.description.finding import closing_file_of
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
 from ccpin.errors import (
     IndependentSetError,
@@ -162,6 +163,9 @@ def _check_arguments(path: object, tolerance: object, **named: object) -> None:
 
 
 def _no_loop_message(description: MechanismDescription) -> str:
+    closing = closing_file_of(description.source)
+    if closing is not None:
+        return f"no loop closure and no coupling is declared here, but '{closing}' declares its loops: give that file"
     if description.independent is not None and len(description.independent) < len(description.joints):
         return (
             'joints are marked dependent (independent="false") but no <loop> or <coupling> says what they depend on; '

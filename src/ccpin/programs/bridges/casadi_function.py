@@ -62,10 +62,10 @@ def _jacobian(parts: Differentiated, inputs: list[Any], name: str) -> Any:
 def _evaluated(program: Program, inputs: list[Any]) -> list[Any]:
     """Columns of the outputs, NaN where they cannot be trusted."""
     entries, trusted = evaluated(program, [column[k] for column in inputs for k in range(column.numel())], _SX)
-    found = list[Any]()
+    found, refuses = list[Any](), bool(program.pivots or program.corrections or program.region)
     for window in windows(program.outputs):
         column = ca.vertcat(*entries[window]) if entries[window] else ca.SX(0, 1)
-        found.append(ca.if_else(trusted, column, math.nan) if program.pivots or program.corrections else column)
+        found.append(ca.if_else(trusted, column, math.nan) if refuses else column)
     return found
 
 

@@ -90,6 +90,9 @@ def evaluated(program: Program, columns: Sequence[Any], module: Any) -> tuple[li
     if program.corrections:
         moved = sum(values[number] * values[number] for number in program.corrections)
         trusted = module.both(trusted, moved <= program.tolerance**2)
+    if program.region is not None:
+        for column, low, high in zip(columns, program.region.lower, program.region.upper, strict=True):
+            trusted = module.both(trusted, module.both(column >= low, column <= high))
     return [values[number] for number in shown], trusted
 
 

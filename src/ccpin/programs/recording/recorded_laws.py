@@ -1,8 +1,9 @@
-"""The laws that validated integration knows, on a tape."""
+"""Laws on a tape: set points as constants, which validated integration knows, and references that move as inputs."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from fractions import Fraction
 from typing import Any, NamedTuple
 
@@ -10,13 +11,17 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.control.control_law import ControlLaw, stated
+from ccpin.control.references import ReferenceState
 from ccpin.control.statements import Statement
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.errors import UnsupportedMechanismError
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.programs.recording.recorded_coordinates import StateLayout
 from ccpin.programs.recording.recorded_forces import DynamicTerms
 from ccpin.programs.recording.recorded_tree import Table, exact, rational
 from ccpin.programs.tape import Expression, Tape
+from ccpin.proof.digests import Part, require_same
+
+CoriolisAlong = Callable[[Table], Table]
 
 
 class LawTerms(NamedTuple):
@@ -48,18 +53,74 @@ def law_terms(
         return LawTerms(np.zeros(len(v), dtype=object), None, {})
     if told is None or not told.holds or told.kind not in ("pd", "pd_gravity"):
         raise UnsupportedMechanismError(
-            f"programs and enclosures know PDSimpleGravity, PDFullGravity and no torque, not {type(law).__name__}"
+            f"enclosures know PDSimpleGravity, PDFullGravity and no torque, not {type(law).__name__}"
         )
     goal, wrapped = _goal(tape, told, q, near)
-    error = goal - x[list(q.places)]
-    spring = exact(told.K_p) @ error
-    force = spring - exact(told.K_v) @ v
+    still, told = np.zeros(len(v), dtype=object), told._replace(constant=exact(told.constant))
+    force = reference_force(told, ReferenceState(goal, still, still), (x[list(q.places)], v), terms)
     if told.kind == "pd_gravity":
-        return LawTerms(force + terms.gravity, None, wrapped)
-    constant = exact(told.constant)
-    half = rational(0.5)
-    stored = error @ constant + half * (error @ spring)
-    return LawTerms(force + constant, terms.kinetic + terms.potential + stored, wrapped)
+        return LawTerms(force, None, wrapped)
+    error, half = goal - x[list(q.places)], rational(0.5)
+    stored = error @ told.constant + half * (error @ (exact(told.K_p) @ error))
+    return LawTerms(force, terms.kinetic + terms.potential + stored, wrapped)
+
+
+def recorded_law(law: ControlLaw | None, model: ReducedModel) -> Statement:
+    """What a law of which a program is recorded states.
+
+    Raises:
+        InvalidInputError: No law, or no torque.
+        UnsupportedMechanismError: One that does not state itself.
+        DifferentSubjectsError: It is of other closures than the model; one that computes with D, C or g itself, of
+            other masses, springs or gravity.
+    """
+    if law is None:
+        raise InvalidInputError("'torque' and 'lyapunov' are a law's: give law=")
+    told = stated(law)
+    if told is None or (told.kind == "constant" and not told.idle):
+        raise UnsupportedMechanismError(
+            "programs know PDSimpleGravity, PDFullGravity, PDOnlineGravity, PDPlus and ComputedTorque, not "
+            f"{type(law).__name__}"
+        )
+    if told.model is None:
+        raise InvalidInputError("the law is no torque at all: there is nothing to record")
+    parts: tuple[Part, ...] = ("closures",) if told.kind == "pd" else ("closures", "dynamics")
+    require_same("a program of a law", told.model.digests, model.digests, *parts)
+    return told
+
+
+def reference_force(
+    told: Statement,
+    wanted: ReferenceState,
+    state: tuple[Table, Table],
+    terms: DynamicTerms,
+    along: CoriolisAlong | None = None,
+) -> Table:
+    """The generalized force of a law (`Statement`) with q_d, q̇_d and q̈_d as expressions, of shape (n,).
+
+    Args:
+        told: The law; its constant is of expressions.
+        wanted: The reference, q_d in the numbers of q, circles in q's turn.
+        state: The numbers of q, and q̇.
+        terms: D, the bias force and g.
+        along: (C + damping) times a velocity, which PD+ asks for.
+    """
+    q, v = state
+    error, rate = wanted.q - q, wanted.v - v
+    if told.kind == "computed_torque":
+        return terms.mass @ (wanted.a + exact(told.K_v) @ rate + exact(told.K_p) @ error) + terms.bias
+    feedback = exact(told.K_p) @ error + exact(told.K_v) @ rate
+    if told.kind == "pd":
+        return feedback + told.constant
+    if told.kind == "pd_gravity":
+        return feedback + terms.gravity
+    assert along is not None
+    return feedback + terms.mass @ wanted.a + along(wanted.v) + terms.gravity
+
+
+def goal_of(tape: Tape, law: Statement, q: StateLayout, near: Array) -> Table:
+    """A constant q_d in the numbers of q, exact."""
+    return _goal(tape, law, q, near)[0]
 
 
 def _goal(tape: Tape, law: Statement, q: StateLayout, near: Array) -> tuple[Table, dict[int, Expression]]:

@@ -19,6 +19,7 @@ from ccpin.arrays import Array
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.programs.recording.ball_joints import BallAngle, BallTurn, ball_at, turn_rates, turn_rows, turns_of
 from ccpin.programs.recording.constants import Constants
+from ccpin.programs.recording.recorded_closures import ClosureRows
 from ccpin.programs.recording.recorded_coordinates import StateLayout, layout_of, numbers_of
 from ccpin.programs.recording.recorded_forces import (
     ClosureTerms,
@@ -112,7 +113,8 @@ def recorded_model(
     kept, others = _independent_rows(model, near)
     phi = [rows[k] for k in kept]
     table = np.vstack([rates(tape, joints, x), turn_rates(tape, turns, x, mechanism.n_free)])
-    motion = closure_terms(tape, phi, state, table, held.q)
+    moving = ClosureRows(tape, constraints, constants, joints, x, rows, kept, table)
+    motion = closure_terms(tape, moving, state, table, held.q)
     frames = poses(tape, joints, x)
     terms = dynamic_terms(tape, constants, joints, frames, motion, state)
     stiff = [joint for joint in joints if constants.sprung(joint)]

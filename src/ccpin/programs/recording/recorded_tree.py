@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
-from operator import matmul
+from operator import matmul, sub
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -119,16 +119,15 @@ def _rotation(quaternion: Table, two: Expression) -> Table:
     )
 
 
-def poses(tape: Tape, joints: Sequence[ExactJoint], x: Table, root: int = 0) -> dict[int, Table]:
-    """The frame of every joint's body beyond `root`, of shape (4, 4), in the root's frame (0: the world's)."""
-    found = {root: np.eye(4, dtype=object)}
+def poses(tape: Tape, joints: Sequence[ExactJoint], x: Table) -> dict[int, Table]:
+    """The frame of every joint's body in the world (0), of shape (4, 4)."""
+    found = {0: np.eye(4, dtype=object)}
     for joint in joints:
-        if joint.parent in found and joint.number != root:
-            found[joint.number] = found[joint.parent] @ joint.placement @ _motion(tape, joint, x[joint.x])
+        found[joint.number] = found[joint.parent] @ joint.placement @ relative_motion(tape, joint, x[joint.x])
     return found
 
 
-def _motion(tape: Tape, joint: ExactJoint, x: Table) -> Table:
+def relative_motion(tape: Tape, joint: ExactJoint, x: Table) -> Table:
     """The frame after a joint's own motion in that before it, of shape (4, 4): slides, then turns."""
     motion = np.eye(4, dtype=object)
     plain = len(x) - (4 if joint.kind.unit == 4 else 0)
@@ -160,7 +159,7 @@ def rates(tape: Tape, joints: Sequence[ExactJoint], x: Table) -> Table:
             block[...] = np.eye(kind.nv, dtype=object)
             continue
         count = kind.nq - kind.unit
-        turned, slid = _motion(tape, joint, x[joint.x])[:3, :3], kind.entries[:count]
+        turned, slid = relative_motion(tape, joint, x[joint.x])[:3, :3], kind.entries[:count]
         block[:count, :count] = turned[np.ix_(slid, slid)]
         if kind.unit == 2:
             block[count:, count:] = 1
@@ -184,9 +183,8 @@ def closure_rows(
     numbers `near` (default none). `ends` are a closure's frames on its bodies, default its own.
     """
     rows: list[Expression] = []
-    frames = {root: poses(tape, joints, x, root) for root in {loop.ancestor: None for loop in constraints.loops}}
     for loop in constraints.loops:
-        rows += _loop_rows(loop, frames[loop.ancestor], (ends or _own_ends)(loop))
+        rows += _loop_rows(tape, loop, joints, x, (ends or own_ends)(loop))
     places = {joint.q.start: joint.x.start for joint in joints}
     rows += [_coupling_row(coupling, x, places, near) for coupling in constraints.couplings]
     return rows
@@ -208,24 +206,65 @@ def _coupling_row(coupling: ResolvedCoupling, x: Table, places: dict[int, int], 
     return total - turns * rational(coupling.modulus)
 
 
-def _own_ends(loop: ResolvedClosure) -> tuple[Table, Table]:
+def own_ends(loop: ResolvedClosure) -> tuple[Table, Table]:
+    """A closure's frames on its bodies, of shape (4, 4) each."""
     return exact_placement(loop.frame_a), exact_placement(loop.frame_b)
 
 
-def _loop_rows(loop: ResolvedClosure, frames: dict[int, Table], held: tuple[Table, Table]) -> list[Expression]:
-    """The rows of one loop."""
-    ends = {"A": frames[loop.joint_a] @ held[0], "B": frames[loop.joint_b] @ held[1]}
+def chain_of(joints: Sequence[ExactJoint], tip: int, root: int) -> list[ExactJoint]:
+    """The joints from a body to one that carries it, the tip's first."""
+    found = list[ExactJoint]()
+    while tip != root:
+        found.append(joints[tip - 1])
+        tip = found[-1].parent
+    return found
 
-    def value(vector: Vector) -> Table:
+
+def evaluated_rows(
+    loop: ResolvedClosure,
+    held: tuple[Table, Table],
+    carried: Callable[[int, Table, bool], Any],
+    less: Callable[[Any, Any], Any],
+    fixed: Callable[[Table], Any],
+    dot: Callable[[Any, Any], Any],
+) -> list[Any]:
+    """The rows of one loop over what `carried` makes of points (true) and directions of its joints' bodies."""
+    ends = {"A": (loop.joint_a, held[0]), "B": (loop.joint_b, held[1])}
+
+    def value(vector: Vector) -> Any:
         if isinstance(vector, Gap):
-            return ends["B"][:3, 3] - ends["A"][:3, 3]
+            return less(*(carried(joint, frame[:3, 3], True) for joint, frame in (ends["B"], ends["A"])))
         local = exact(vector.local)
-        return local if vector.frame == "C" else ends[vector.frame][:3, :3] @ local
+        if vector.frame == "C":
+            return fixed(local)
+        joint, frame = ends[vector.frame]
+        return carried(joint, frame[:3, :3] @ local, False)
 
-    def combine(parts: Iterable[tuple[float, Expression]]) -> Expression:
+    def combine(parts: Iterable[tuple[float, Any]]) -> Any:
         total: Any = 0
         for weight, product in parts:
-            total = total + rational(weight) * product
+            total = total + product * rational(weight)
         return total
 
-    return loop.rows.evaluate(value, matmul, combine)
+    return loop.rows.evaluate(value, dot, combine)
+
+
+def _loop_rows(
+    tape: Tape, loop: ResolvedClosure, joints: Sequence[ExactJoint], x: Table, held: tuple[Table, Table]
+) -> list[Expression]:
+    """The rows of one loop: in a plane over whole frames, whose angles add up; else each vector down its own chain."""
+
+    def carried(tip: int, vector: Table, is_point: bool) -> Table:
+        chain = chain_of(joints, tip, loop.ancestor)
+        if loop.normal is not None:
+            whole = np.eye(4, dtype=object)
+            for joint in reversed(chain):
+                whole = whole @ joint.placement @ relative_motion(tape, joint, x[joint.x])
+            return whole[:3, :3] @ vector + (whole[:3, 3] if is_point else 0)
+        for joint in chain:
+            moved, placed = relative_motion(tape, joint, x[joint.x]), joint.placement
+            vector = moved[:3, :3] @ vector + (moved[:3, 3] if is_point else 0)
+            vector = placed[:3, :3] @ vector + (placed[:3, 3] if is_point else 0)
+        return vector
+
+    return evaluated_rows(loop, held, carried, sub, lambda local: local, matmul)

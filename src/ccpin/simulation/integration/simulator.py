@@ -30,7 +30,7 @@ from ccpin.simulation.integration.coordinate_switching import CoordinateSwitchin
 from ccpin.simulation.integration.core_numbers import TABLEAUX
 from ccpin.simulation.integration.core_runs import ConstantEffortRuns, run_in_core
 from ccpin.simulation.integration.core_steps import CoreSteps
-from ccpin.simulation.integration.notes import on_balls, stepped_in_python
+from ccpin.simulation.integration.notes import of_efforts, on_balls, stepped_in_python
 from ccpin.simulation.integration.recorder import Recorder, sample_times
 from ccpin.simulation.integration.run import IntegrationSettings, Run
 from ccpin.simulation.integration.step_size import natural_step
@@ -358,6 +358,7 @@ class Simulator:
         spent = time.perf_counter() - began
         sampled = (columns[name] for name in ("t", "q_free", "v_free", "u"))
         passed = dict.fromkeys(one.note for one in beyond_limits(self.model.mechanism, *sampled))
+        efforts = of_efforts(self.model, self._law, columns["q_free"], columns["u"])
         stepped = "stepped by the compiled core"
         if not (in_core or run.in_core):
             stepped = stepped_in_python(self.model, self._law, self._method, self._plain, spent)
@@ -369,7 +370,7 @@ class Simulator:
             wall_time=spent,
             names=self._names,
             origin=self.model.digests._replace(law=self._law.digests.law),
-            notes=(stepped, *on_balls(run.switching), *passed),
+            notes=(stepped, *on_balls(run.switching), *efforts, *passed),
         )
 
     def _recorded(self, until: float, record: Recorder, budget: Budget, watch: Watch | None) -> Stop | None:

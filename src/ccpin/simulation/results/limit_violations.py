@@ -49,6 +49,16 @@ def exceeded(model: ReducedModel | Mechanism, trajectory: Trajectory) -> tuple[E
     return beyond_limits(model.mechanism, trajectory.t, trajectory.q_free, trajectory.v_free, trajectory.u)
 
 
+def at_effort_limits(mechanism: Mechanism, u: Array) -> dict[str, float]:
+    """The joints of the motors whose u (T, motors) was cut off at a limit, and for which share of the samples."""
+    lower, upper = mechanism.motors.limits.T
+    at = (((u == lower) | (u == upper)) & (u != 0.0)).mean(axis=0)
+    shares = dict[str, float]()
+    for motor, share in zip(mechanism.motors.each, at, strict=True):
+        shares[motor.joint] = max(shares.get(motor.joint, 0.0), float(share))
+    return {name: share for name, share in shares.items() if share > 0.0}
+
+
 def beyond_limits(mechanism: Mechanism, t: Array, q_free: Array, v_free: Array, u: Array) -> tuple[Exceeded, ...]:
     """The same of samples: times (T,), q′ (T, nq), q̇′ (T, n′) and u (T, motors)."""
     found = [

@@ -81,6 +81,13 @@ def set_point_metrics(
     )
 
 
+def band_in_words(mechanism: Mechanism, band: float) -> str:
+    """A band (rad or m) of coordinates that turn in degrees, of those that slide in millimetres, of both in both."""
+    slides = [slide for part in mechanism.parametrization().coordinates.parts for slide in part.slides]
+    told = {True: f"{1e3 * band:.3g} mm", False: f"{np.degrees(band):.3g}°"}
+    return " or ".join(told[slide] for slide in dict.fromkeys(slides))
+
+
 # The Lyapunov function of a set point along a motion.
 
 

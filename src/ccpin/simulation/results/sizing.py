@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,11 +10,13 @@ from scipy.integrate import trapezoid
 
 from ccpin.arrays import Array, instance
 from ccpin.control.references import Reference
+from ccpin.dynamics.drives import HELD
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.wrenches import Pushes, Wrenches
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.results.forces import PeakForce, closure_forces, joint_forces
+from ccpin.simulation.results.limit_violations import at_effort_limits
 from ccpin.simulation.results.trajectory import Trajectory
 
 _SIMULATED = (
@@ -35,6 +38,7 @@ class Sizing(NamedTuple):
         peak_power: Largest power given to the mechanism, W.
         work: ∫u·rate dt, J. drive_work: of its positive part; braking_work: of its negative part, J.
         bearings: The peak loads of closures and of the tree's joints.
+        notes: That motors gave all they have, so that efforts are those and not what the motion that was wanted takes.
     """
 
     motors: tuple[str, ...]
@@ -46,6 +50,7 @@ class Sizing(NamedTuple):
     drive_work: Array
     braking_work: Array
     bearings: tuple[PeakForce, ...]
+    notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The motors' numbers as lists, and the bearings' as ``force_NAME`` (N) and ``moment_NAME`` (N m)."""
@@ -95,4 +100,17 @@ def demands(
         drive_work=trapezoid(np.maximum(power, 0.0), t, axis=0),
         braking_work=trapezoid(np.minimum(power, 0.0), t, axis=0),
         bearings=tuple(load.peak() for load in loads),
+        notes=tuple(_given(model.mechanism, trajectory)),
     )
+
+
+def _given(mechanism: Mechanism, trajectory: Trajectory) -> Iterator[str]:
+    """Which efforts are the motors' limits, and whether these hold the mechanism, as the motion's notes have it."""
+    at = at_effort_limits(mechanism, trajectory.u)
+    if at:
+        told = ", ".join(f"{name} for {share:.0%}" for name, share in at.items())
+        yield (
+            f"peak_effort is what the motors gave, at their limits: {told} of the samples; simulated with "
+            'limits=Limits(effort="ignore") it is what the motion takes'
+        )
+        yield from (note for note in trajectory.notes if HELD in note)

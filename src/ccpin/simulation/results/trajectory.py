@@ -50,7 +50,8 @@ class Trajectory(NamedTuple):
         wall_time: Seconds that the simulation took.
         names: What the columns are called.
         origin: What moved, under which law (`ccpin.proof.digests`).
-        notes: What computed it, and why not the compiled core where that did not; stated limits that it is beyond.
+        notes: What computed it, and why not the compiled core where that did not; motors that gave all they have,
+            whether they can hold start and goal at all, and stated limits that it is beyond.
     """
 
     t: Array
@@ -74,7 +75,9 @@ class Trajectory(NamedTuple):
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        return f"Trajectory({self.status} at {self.t[-1]:.6g} s, {len(self.t)} samples, n = {self.v.shape[1]})"
+        beyond = [note for note in self.notes if not note.startswith(("stepped ", "integrated "))]  # how it was done
+        told = [f"{self.status} at {self.t[-1]:.6g} s, {len(self.t)} samples, n = {self.v.shape[1]}", *beyond[:1]]
+        return f"Trajectory({'; '.join(told)}{f' (and {len(beyond) - 1} more notes)' if len(beyond) > 1 else ''})"
 
     def _repr_html_(self) -> str:
         """A small table and the curves of q and u for notebooks."""

@@ -49,11 +49,11 @@ def cells_of(lower: Array, upper: Array, counts: Indices) -> GridCells:
 
 
 def placed(equations: ProgramEquations, q: Sequence[FirstOrder], y: Sequence[FirstOrder]) -> list[FirstOrder]:
-    """Inputs of φ: x, and 0 for what it does not read."""
+    """Inputs of φ: x and p, and 0 for what it does not read."""
     source = equations.source
     nothing = linear(np.zeros_like(q[0].mid), np.zeros_like(q[0].slopes))
     found = [nothing] * sum(source.sizes)
-    for places, entries in ((source.independent, q), (source.dependent, y)):
+    for places, entries in ((equations.places, q), (source.dependent, y)):
         for place, entry in zip(places, entries, strict=True):
             found[place] = entry
     return found

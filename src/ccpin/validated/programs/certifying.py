@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, choice, instance, numbers, records, vector, whole
-from ccpin.errors import InvalidInputError
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.programs.program import Program
 from ccpin.proof.facts import Fact, NotProvedError, prove
 from ccpin.validated.programs.error_sweeps import FORMATS
@@ -27,21 +27,24 @@ def certify_program(
     region: tuple[ArrayLike, ArrayLike],
     *,
     bounds: Mapping[str, ArrayLike],
+    parameters: tuple[ArrayLike, ArrayLike] | None = None,
     start: ArrayLike | None = None,
     formats: Sequence[str] = ("double", "float"),
     max_cells: int = 4096,
 ) -> ProgramCertificate:
     """What a program is sure to do over a region: pivots, σ's steps, ranges, errors of rounding (Theorems Q, K and E).
 
-    The region is a box of q, about a branch of σ, with bounds of what else the program reads. Over it the certificate
-    says: σ is one function; the program's Newton steps, if it has some, find it from every y within `start`; no pivot
-    vanishes and nothing overflows; and how far what a machine computes is from the exact values at σ(q) at most, where
-    the program's sine and cosine are those of `ccpin.programs` (or as good) and nothing is fused or reordered.
+    The region is a box of q, and of constants p where these are inputs, about a branch of σ, with bounds of what else
+    the program reads. Over it the certificate says: σ is one function; the program's Newton steps, if it has some, find
+    it from every y within `start`; no pivot vanishes and nothing overflows; and how far what a machine computes is from
+    the exact values at σ(q) at most (at the y given, of a program without such steps, as `"step"` is), where the
+    program's sine and cosine are those of `ccpin.programs` (or as good) and nothing is fused or reordered.
 
     Args:
         program: A program that was recorded (one that was loaded has not what it was made of).
         region: Lower and upper numbers of q, each of shape (n,).
         bounds: Of the absolute values of the other inputs, by name: `{"v": …, "u": …}`, of their shapes, or one number.
+        parameters: Lower and upper numbers of p, each of its shape, of a program that was recorded with some.
         start: How far y may be from σ(q), by entry or one number: default 1e-6 where y is given closed; with steps the
             largest of 0.02, 0.01, … for which they are proved to be enough, with status 0 if that can be proved.
         formats: `"double"`, `"float"`, or both.
@@ -49,29 +52,49 @@ def certify_program(
 
     Raises:
         InvalidInputError: A region, bounds or formats that are none of this program's.
+        UnsupportedMechanismError: A program that reads how far a ball is turned: q, y or its law have such a number.
     """
     program = instance(program, "program", Program)
     if program.source is None:
         raise InvalidInputError("a program that was loaded has not what it was made of: record it here")
-    equations = ProgramEquations(program.source)
-    n, m = equations.sizes["Q"], equations.n_y
-    if not isinstance(region, Sequence) or isinstance(region, str) or len(region) != 2:
-        raise InvalidInputError("region must be the lower and the upper numbers of q")
-    lower, upper = vector(region[0], "region[0]", n), vector(region[1], "region[1]", n)
-    if not np.all(lower < upper):
-        raise InvalidInputError("region: every lower number must be below the upper one")
+    if program.region is not None:
+        raise InvalidInputError("a program with a certified region: certify the program that it was made of")
+    try:
+        equations = ProgramEquations(program.source)
+    except NotProvedError as error:
+        raise UnsupportedMechanismError(f"no certificate of '{program.name}': {error}") from None
+    m, corners = equations.n_y, _corners(region, "region", len(program.source.independent))
+    if (parameters is None) != (program.source.sizes[4] == 0):
+        raise InvalidInputError("parameters must be lower and upper numbers of p where the program reads it, else none")
+    if parameters is not None:
+        known = _corners(parameters, "parameters", program.source.sizes[4])
+        corners = [np.concatenate(pair) for pair in zip(corners, known, strict=True)]
     most = bounds_of(program, instance(bounds, "bounds", Mapping, "bounds of inputs by name"))
     asked = tuple(choice(name, "formats", [each.name for each in FORMATS]) for name in records(formats, "formats", str))
     if not asked:
         raise InvalidInputError('formats must be "double", "float" or both')
-    search = _Search(program, equations, lower, upper, most, asked)
-    starts = [np.full(m, _NEAR / 2**k) for k in range(_HALVINGS)] if program.corrections else [np.full(m, _CLOSED)]
+    search = _Search(program, equations, (corners[0], corners[1]), most, asked)
+    starts = [np.full(m, _NEAR / 2**k) for k in range(_HALVINGS)] if program.source.steps else [np.full(m, _CLOSED)]
     if start is not None:
         given = numbers(start, "start")
         starts = [np.full(m, float(given)) if given.ndim == 0 else vector(given, "start", m)]
         if not np.all(starts[0] > 0.0):
             raise InvalidInputError("start: every number must be positive")
     return search.best(starts, whole(max_cells, "max_cells"))
+
+
+def _corners(given: tuple[ArrayLike, ArrayLike], name: str, size: int) -> list[Array]:
+    """Lower and upper numbers of a box.
+
+    Raises:
+        InvalidInputError: They are none.
+    """
+    if not isinstance(given, Sequence) or isinstance(given, str) or len(given) != 2:
+        raise InvalidInputError(f"{name} must be lower and upper numbers")
+    lower, upper = (vector(end, f"{name}[{k}]", size) for k, end in enumerate(given))
+    if not np.all(lower < upper):
+        raise InvalidInputError(f"{name}: every lower number must be below the upper one")
+    return [lower, upper]
 
 
 class _Search:
@@ -81,38 +104,45 @@ class _Search:
         self,
         program: Program,
         equations: ProgramEquations,
-        lower: Array,
-        upper: Array,
+        corners: tuple[Array, Array],
         bounds: Array,
         formats: tuple[str, ...],
     ) -> None:
-        self._program, self._equations, self._lower, self._upper = program, equations, lower, upper
+        self._program, self._equations, (self._lower, self._upper) = program, equations, corners
         self._bounds, self._formats = bounds, formats
         self._stopped = ""
 
     def best(self, starts: Sequence[Array], most: int) -> ProgramCertificate:
-        """The certificate of the finest cut that is worth it."""
+        """The certificate of the finest cut that is worth it: of q alone, or else of q and p alike."""
+        n, constants = len(self._equations.source.independent), self._equations.source.sizes[4]
+        found = self._finest([0] * constants, n, starts, most)
+        if found is None and constants:
+            found = self._finest([1] * constants, n, starts, most)
+        return found or ProgramCertificate(
+            self._program, self._lower, self._upper, self._bounds, None, None, (), self._told(most)
+        )
+
+    def _finest(self, along: list[int], n: int, starts: Sequence[Array], most: int) -> ProgramCertificate | None:
+        """The same, of cuts of q and of those constants that are 1 in `along`."""
         found: ProgramCertificate | None = None
-        n, count = len(self._lower), 1
-        while count**n <= most:
-            new = self._cut(count, starts)
+        count = 1
+        while count ** (n + sum(along)) <= most:
+            new = self._cut([count] * n + [count**each for each in along], starts)
             if new is not None:
                 if found is not None and new.off > _BETTER * found.off:
                     return found if found.off < new.off else new
                 found = new
             count *= 2
-        return found or ProgramCertificate(
-            self._program, self._lower, self._upper, self._bounds, None, None, (), self._told(most)
-        )
+        return found
 
     def _told(self, most: int) -> str:
         return f"with up to {most} cells: {self._stopped or 'the box of q has more axes than that'}; raise max_cells"
 
-    def _cut(self, count: int, starts: Sequence[Array]) -> ProgramCertificate | None:
+    def _cut(self, counts: Sequence[int], starts: Sequence[Array]) -> ProgramCertificate | None:
         """The certificate with so many cells along each axis, if all is proved."""
         equations = self._equations
         try:
-            branch = prove(proposed_branch(equations, self._lower, self._upper, [count] * len(self._lower)))
+            branch = prove(proposed_branch(equations, self._lower, self._upper, counts))
         except NotProvedError as error:
             self._stopped = str(error)
             return None
@@ -132,7 +162,7 @@ class _Search:
             )
             if made.always_trusted(self._formats[0]):
                 return made
-            found = made
+            found = found or made
         return found
 
     def _computed(self, name: str, start: Array, premises: Sequence[Fact]) -> Fact:

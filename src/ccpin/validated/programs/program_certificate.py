@@ -3,36 +3,47 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
-from ccpin.errors import InvalidInputError
-from ccpin.programs.program import SMALL_PIVOT, Program, windows
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.programs.certified_region import CertifiedRegion
+from ccpin.programs.program import SMALL_PIVOT, Port, Program, windows
+from ccpin.programs.recordings import record
 from ccpin.proof.facts import Fact, is_fact, prove
 from ccpin.proof.verdict import Judged, Verdict, not_known_of
 from ccpin.validated.programs.branch_claim import BranchOverCells
+from ccpin.validated.programs.certificate_documents import read_certificate, write_certificate
 from ccpin.validated.programs.error_sweeps import FORMATS
+from ccpin.validated.programs.guarding import example_rows, tube_hull
 from ccpin.validated.programs.rounding_claim import ProgramComputed
-from ccpin.validated.programs.steps_claim import StepsFindSigma
 
 _NOTHING = np.zeros(0)
 
 
+def bounded(program: Program) -> list[Port]:
+    """The inputs but q, y and p."""
+    return [port for port in program.inputs if port.name not in ("q", "y", "p")]
+
+
 def bounds_of(program: Program, bounds: Mapping[str, ArrayLike]) -> Array:
-    """Bounds of all inputs but q and y, side by side.
+    """Bounds of all inputs but q, y and p, side by side.
 
     Raises:
         InvalidInputError: They are not the program's, or not numbers from 0 on.
     """
-    ports = program.inputs[2:]
+    ports = bounded(program)
     if sorted(bounds) != sorted(port.name for port in ports):
         names = ", ".join(port.name for port in ports) or "nothing else"
-        raise InvalidInputError(f"bounds must be of what the program reads besides q and y: {names}")
+        raise InvalidInputError(f"bounds must be of what the program reads besides q, y and p: {names}")
     found = [_NOTHING]
     for port in ports:
         try:
@@ -51,8 +62,8 @@ class ProgramCertificate(Judged):
 
     Attributes:
         program: The program.
-        lower, upper: The box of q.
-        bounds: Of the absolute values of what it reads besides q and y, side by side.
+        lower, upper: The box of q, and of constants p after it where these are inputs.
+        bounds: Of the absolute values of what it reads besides q, y and p, side by side.
         branch: The fact that σ is one function over the box, if there is one.
         steps: The fact that the program's Newton steps find it; ``None`` where it has none.
         computed: Facts about its arithmetic, one a format.
@@ -87,25 +98,27 @@ class ProgramCertificate(Judged):
     @cached_property
     def _known(self) -> bool:
         """Whether the facts are facts, about this program and region."""
-        facts = (self.branch, *([self.steps] if self.program.corrections else []), *self.computed)
-        kinds = (BranchOverCells, *([StepsFindSigma] if self.program.corrections else []))
-        kinds += (ProgramComputed,) * len(self.computed)
-        if not self.computed or not all(is_fact(fact, kind) for fact, kind in zip(facts, kinds, strict=True)):
-            return False
         branch, steps = self.branch, self.steps
-        assert branch is not None
-        return self._about(branch.claim) and all(self._rests(fact, branch, steps) for fact in self.computed)
+        if not is_fact(branch, BranchOverCells) or not self.computed:
+            return False
+        due = (branch, steps) if branch.claim.equations.source.steps else (branch,)
+        return self._about(branch.claim) and all(self._rests(fact, due) for fact in self.computed)
 
     def _about(self, claim: BranchOverCells) -> bool:
         """Whether a branch is that of this program over this box."""
         made, program = claim.equations.made, self.program
         same = (made.code, made.pivots, made.corrections) == (program.code, program.pivots, program.corrections)
+        ports = tuple((port.name, port.size) for port in program.inputs)
+        same = same and ports == claim.equations.source.ports
+        same = same and program.region is None  # one with a region has another status
         return same and np.array_equal(claim.lower, self.lower) and np.array_equal(claim.upper, self.upper)
 
-    def _rests(self, fact: Fact, branch: Fact, steps: Fact | None) -> bool:
-        """Whether a fact is about these inputs, on this branch."""
-        claim, premises = fact.claim, (branch, *([steps] if steps is not None else []))
-        same = len(fact.premises) == len(premises) and all(a is b for a, b in zip(fact.premises, premises, strict=True))
+    def _rests(self, fact: Fact, due: Sequence[Fact | None]) -> bool:
+        """Whether something is a fact about these inputs, on this branch and of these steps."""
+        if not is_fact(fact, ProgramComputed):
+            return False
+        claim, premises = fact.claim, fact.premises
+        same = len(premises) == len(due) and all(a is b for a, b in zip(premises, due, strict=True))
         return same and np.array_equal(claim.start, self.start) and np.array_equal(claim.bounds, self.bounds)
 
     @property
@@ -142,10 +155,15 @@ class ProgramCertificate(Judged):
 
     def always_trusted(self, format: str = "double") -> bool:
         """Whether the program's status is proved to be 0 all over the region."""
-        found = self._fact(format).found
-        due = np.array([SMALL_PIVOT * pivot.scale for pivot in self.program.pivots])
+        return self._possible(format) == [0]
+
+    def _possible(self, format: str) -> list[int]:
+        """What the status may be in the region: pivots are squared, as corrections are, before they are compared."""
+        found, least = self._fact(format).found, {each.name: each.least for each in FORMATS}[format]
+        due = np.array([max(SMALL_PIVOT * abs(pivot.scale), math.sqrt(least)) for pivot in self.program.pivots])
         large = np.all(found["pivots"] > 2.0 * due)
-        return bool(large and found["correction"][0] <= 0.9 * self.program.tolerance)
+        near = found["correction"][0] <= 0.9 * self.program.tolerance or not self.program.corrections
+        return [0, *([] if large else [1]), *([] if near else [2])]
 
     def _fact(self, format: str) -> Fact:
         known = self._by_format
@@ -160,26 +178,31 @@ class ProgramCertificate(Judged):
     @property
     def _status(self) -> str:
         sure = [name for name in self._by_format if self.always_trusted(name)]
-        return f"status is 0 in {' and '.join(sure)}" if sure else "status may be 2"
+        may = " or ".join(map(str, self._possible(next(iter(self._by_format)))[1:]))
+        return f"status is 0 in {' and '.join(sure)}" if sure else f"status may be {may}"
 
     def statement(self) -> str:
         """A few lines that say what was proved, for whoever has the program alone."""
         if not self._known:
             return f"undecided: {self.reason}"
-        lines = [f"Proved for every q in the box {_box(self.lower, self.upper)},"]
-        lines.append(f"y within {_numbers(self.start)} of one continuous branch of σ(q),")
-        others = self.program.inputs[2:]
+        assert self.branch is not None
+        count, others = self.program.inputs[0].size, bounded(self.program)
+        lines = [f"Proved for every q in the box {_box(self.lower[:count], self.upper[:count])},"]
+        if count < len(self.lower):
+            lines.append(f"p in the box {_box(self.lower[count:], self.upper[count:])},")
+        sigma = "σ(q)" if count == len(self.lower) else "σ(q, p)"
+        lines.append(f"y within {_numbers(self.start)} of one continuous branch of {sigma},")
         for port, window in zip(others, windows(others), strict=True):
             lines.append(f"|{port.name}| ≤ {_numbers(self.bounds[window])} ({port.unit}):")
         if self.steps is not None:
             lines.append(
                 f"its {self.steps.claim.equations.source.steps} Newton steps and one more end, exact, within "
-                f"{_up(float((self.steps.found['errors'][:, -1:] * self.start).max()))} of σ(q);"
+                f"{_up(float((self.steps.found['errors'][:, -1:] * self.start).max()))} of {sigma};"
             )
         for name, fact in self._by_format.items():
             pivots, size = fact.found["pivots"], float(fact.found["size"].max())
             least = _down(float(pivots.min(initial=math.inf)))
-            status = "0" if self.always_trusted(name) else "0 or 2"
+            status = " or ".join(map(str, self._possible(name)))
             lines.append(
                 f"in {name} it divides by no less than {least}, no value exceeds {_up(size)}, status is {status},"
             )
@@ -189,6 +212,61 @@ class ProgramCertificate(Judged):
         lines.append("inputs being numbers of the format, nothing fused or reordered, its own sine and cosine.")
         lines.append(f"program {self.program.digest}")
         return "\n".join(lines)
+
+    def guarded(self) -> Program:
+        """The program, with the statement, and with status 3 where an input is out of the region.
+
+        What is checked is q, p, the bounds of all else, and that y is no farther from the branch than it may be at some
+        q of the box. Its examples are states in the region.
+
+        Raises:
+            InvalidInputError: Nothing is proved.
+        """
+        if not self._known:
+            raise InvalidInputError(f"nothing is proved of the program, so that no region is certified: {self.reason}")
+        assert self.branch is not None
+        ends = tube_hull(self.branch, self.start)
+        arranged = self.branch.claim.equations.arranged
+        lower = tuple(arranged(self.lower.tolist(), ends[0].tolist(), (-self.bounds).tolist()))
+        upper = tuple(arranged(self.upper.tolist(), ends[1].tolist(), self.bounds.tolist()))
+        region = CertifiedRegion(lower, upper, tuple(self._by_format), self.statement())
+        first, *others = example_rows(self.branch, self.bounds)
+        return replace(self.program, region=region, example=first, around=tuple(others))
+
+    def save(self, path: str | Path) -> None:
+        """Write it as a document (``.json``, else npz), which `load` reads and ``ccpin verify`` replays.
+
+        Raises:
+            InvalidInputError: Nothing is proved, or the file cannot be written.
+        """
+        if not self._known:
+            raise InvalidInputError(f"there is nothing to save: {self.reason}")
+        assert self.branch is not None
+        found = {name: getattr(self, name) for name in ("lower", "upper", "bounds", "start")}
+        write_certificate(path, self.program, found, self.branch.claim, list(self._by_format))
+
+    @classmethod
+    def load(cls, path: str | Path) -> ProgramCertificate:
+        """What `save` wrote, undecided until it is replayed.
+
+        Raises:
+            InvalidInputError: The file is none, or is damaged.
+        """
+        program, found, claims = read_certificate(path)
+        lower, upper, bounds, start = (found[name] for name in ("lower", "upper", "bounds", "start"))
+        return cls(program, lower, upper, bounds, claims.branch, claims.steps, claims.computed, start=start)
+
+    def is_about(self, mechanism: Mechanism) -> bool:
+        """Whether the closures are a mechanism's, operation by operation, as they are recorded today."""
+        symbols = [port.entries for port in self.program.inputs if port.name == "p"]
+        try:
+            today = record(ReducedModel(mechanism), "closure", parameters=symbols[0] if symbols else ()).source
+        except CcpinError:
+            return False
+        own = self.program.source
+        if own is None or today is None or own.independent != today.independent:
+            return False
+        return own.closure._replace(size=0) == today.closure._replace(size=0)
 
     def replay(self) -> ProgramCertificate:
         """The same with every fact proved once more from its data.

@@ -1,5 +1,7 @@
 """What claims about programs are about: the equations of σ and a program, put together of numbers that cannot change.
 
+σ is a function of q, and of constants p of the mechanism where these are inputs: what theorems call q is (q, p) then.
+
 Whether they are a mechanism's is not asked here: theorems are about these instructions. The program is put together
 here once more, so that it is known which of its values are y after each Newton step.
 """
@@ -7,22 +9,23 @@ here once more, so that it is known which of its values are y after each Newton 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from ccpin.programs.evaluation import value_of
 from ccpin.programs.folding import DOUBLES, Arithmetic, folded
 from ccpin.programs.instructions import ANGLE, CONSTANT, COSINE, GAIN, MULTIPLY, SCALE, SINE, Code
-from ccpin.programs.program_sources import Assembled, ProgramSource, assembled, bend_of, slopes_of
+from ccpin.programs.program_sources import INPUTS, Assembled, ProgramSource, assembled, bend_of, slopes_of
 from ccpin.proof.digests import digest
 from ccpin.proof.facts import NotProvedError, known, require
 from ccpin.validated.arithmetic.balls import ball, flint, upper
 
+T = TypeVar("T")
 PRECISION = 128  # bits, in which constants are enclosed
 
 
@@ -57,7 +60,7 @@ class Runnable(NamedTuple):
 @known
 @dataclass(frozen=True, eq=False)
 class ProgramEquations:
-    """φ(q, y) = 0 and a program of (q, y, …).
+    """φ(q, p, y) = 0 and a program of (q, y, …, p, …).
 
     Attributes:
         source: What both are made of.
@@ -69,23 +72,28 @@ class ProgramEquations:
         source = self.source
         require(type(source) is ProgramSource, "no source of a program")
         require([type(code) is Code for code in (source.closure, source.inner)], "no instructions")
-        sizes = (*source.sizes, source.steps, *source.independent, *(size for _, size in source.ports))
+        sizes = (*source.sizes, source.steps, source.checked, *source.independent, *(size for _, size in source.ports))
         require([type(k) is int and k >= 0 for k in sizes], "sizes and places that are none")
         parts = (source.independent, source.sizes, source.ports, source.samples, *source.ports, *source.samples)
         require([type(part) is tuple for part in parts], "what could be changed")
-        require(len(source.sizes) == 5 and source.sizes[4] == 0, "constants that are inputs")
-        due = dict(zip("vua", source.sizes[1:4], strict=True)) | {"q": len(source.independent), "y": self.n_y}
+        require(len(source.sizes) in (5, 6, 1 + len(INPUTS)), "sizes of too few or too many")
+        due = dict(zip(INPUTS, source.sizes[1:], strict=False)) | {"q": len(source.independent), "y": self.n_y}
         require([due.get(name) == size for name, size in source.ports], "inputs of other sizes")
-        require([name for name, _ in source.ports][:2] == ["q", "y"], "inputs in another order")
+        names = [name for name, _ in source.ports]
+        require(names[:2] == ["q", "y"] and len(set(names)) == len(names), "inputs in another order, or twice")
+        require(source.sizes[4] == 0 or "p" in names, "constants that are no inputs")
+        last = (0, self.n_y) if source.steps == 0 else (0,)
+        require(source.checked in last, "corrections that are none")
         require(len(set(source.independent) & set(range(source.sizes[0]))) == len(source.independent), "a place twice")
         require(len(source.closure.outputs) == self.n_y, "as many equations as numbers that depend")
         require(source.closure.inputs == source.inner.inputs == sum(source.sizes), "programs of other inputs")
         read = {number for item in source.closure.instructions for number in item.operands}
         read |= set(source.closure.outputs)
-        require(read.isdisjoint(range(source.sizes[0], source.closure.inputs)), "equations that read more than x")
+        others = set(range(source.sizes[0], source.closure.inputs)) - set(self.places)
+        require(read.isdisjoint(others), "equations that read more than x and p")
         for code in (source.closure, source.inner):
             _require_instructions(code)
-        require(len(self.made.code.outputs) == len(source.inner.outputs), "no program")
+        require(len(self.made.code.outputs) == len(source.inner.outputs) - source.checked, "no program")
 
     @cached_property
     def made(self) -> Assembled:
@@ -107,11 +115,36 @@ class ProgramEquations:
         """How many numbers depend."""
         return self.source.sizes[0] - len(self.source.independent)
 
+    @property
+    def places(self) -> tuple[int, ...]:
+        """Where q, and p after it, stand among the inputs of φ."""
+        first = sum(self.source.sizes[:4])
+        return (*self.source.independent, *range(first, first + self.source.sizes[4]))
+
+    def arranged(self, q: Sequence[T], y: Sequence[T], others: Sequence[T]) -> list[T]:
+        """(q, p), y and all others in the order of the program's inputs."""
+        count = len(self.source.independent)
+        own, rest = {"q": q[:count], "y": y, "p": q[count:]}, iter(others)
+        return [
+            entry
+            for name, size in self.source.ports
+            for entry in (own[name] if name in own else [next(rest) for _ in range(size)])
+        ]
+
+    def apart(self, numbers: Sequence[T]) -> tuple[list[T], list[T], list[T]]:
+        """Inputs of the program, in its order, as (q, p), y and all others."""
+        found = dict[str, list[T]]()
+        entries = iter(numbers)
+        for name, size in self.source.ports:
+            found[name] = [next(entries) for _ in range(size)]
+        first = found.pop("q") + found.pop("p", [])
+        return first, found.pop("y"), [entry for part in found.values() for entry in part]
+
     @cached_property
     def sizes(self) -> Mapping[str, int]:
-        """Q, Y: of q and y; W: of all other inputs; P: pivots."""
-        rest = sum(size for _, size in self.source.ports[2:])
-        return {"Q": len(self.source.independent), "Y": self.n_y, "W": rest, "P": len(self.made.pivots)}
+        """Q, Y: of (q, p) and y; W: of all other inputs; P: pivots."""
+        rest = sum(size for name, size in self.source.ports if name not in ("q", "y", "p"))
+        return {"Q": len(self.places), "Y": self.n_y, "W": rest, "P": len(self.made.pivots)}
 
     @cached_property
     def digest(self) -> str:
@@ -152,7 +185,10 @@ def _require_instructions(code: Code) -> None:
         require(type(item.target) is int and item.target not in there and item.target < code.size, "a value twice")
         operands = (item.a,) if item.kind in (SINE, COSINE) else item.operands
         require(there.issuperset(operands), "an operand that is not there")
-        require(item.kind not in (GAIN, ANGLE), "an operation that is not bounded here: turns of balls")
+        require(
+            item.kind not in (GAIN, ANGLE),
+            "an operation without bounds here: how far a ball, or a law's joint, is turned",
+        )
         constant = item.kind in (CONSTANT, SCALE)
         require(type(item.constant) is Fraction if constant else item.constant is None, "a constant that is none")
         there.add(item.target)

@@ -20,17 +20,17 @@ _FLOOR = 1e-13  # of a tube's radius
 
 
 def proposed_branch(equations: ProgramEquations, lower: Array, upper: Array, cells: Sequence[int]) -> BranchOverCells:
-    """The branch of the configuration that the program was recorded at, walked along straight lines."""
+    """The branch of the configuration that the program was recorded at, walked along straight lines of (q, p)."""
     source, counts = equations.source, np.array(cells, dtype=np.int64)
     grid = cells_of(lower, upper, counts)
     rows, n, m = len(grid.centre), len(lower), equations.n_y
-    by_y, by_q = (slopes_of(source.closure, places) for places in (source.dependent, source.independent))
-    known = np.array(source.samples[0])
-    start, y = known[:n], np.broadcast_to(known[n : n + m], (rows, m)).copy()
+    by_y, by_q = (slopes_of(source.closure, places) for places in (source.dependent, equations.places))
+    start, known, _ = map(np.array, equations.apart(source.samples[0]))
+    y = np.broadcast_to(known, (rows, m)).copy()
 
     def at(code: Code, q: Array, y: Array, columns: int) -> Array:
         x = np.zeros((source.closure.inputs, rows))
-        x[list(source.independent)], x[list(source.dependent)] = q.T, y.T
+        x[list(equations.places)], x[list(source.dependent)] = q.T, y.T
         values = values_of(code, list(x), np)
         table = np.stack([np.broadcast_to(values[k], (rows,)) for k in code.outputs], axis=1)
         return np.asarray(table.reshape(rows, m, columns), dtype=np.float64)

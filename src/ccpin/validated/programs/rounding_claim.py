@@ -35,7 +35,7 @@ class ProgramComputed(ProvableClaim):
 
     Found: `error` (outputs,), what computed outputs are off by at most; `range` (2, outputs), where they are; `size`
     (values,), bounds of all absolute values that are computed, 0 for numbers of none; `pivots` (P,), lower bounds of
-    theirs; `correction` (1,), bound of the length of the last correction of y as computed, 0 without steps.
+    theirs; `correction` (1,), bound of the length of the last correction of y as computed, 0 where there is none.
     """
 
     equations: ProgramEquations
@@ -85,6 +85,8 @@ class ProgramComputed(ProvableClaim):
         require(size < FORMATS[int(self.format[0])].largest, "a value that is not bounded, or too large for the format")
         pivots = [np.min(sweep.values[pivot.number].least) for pivot in made.pivots]
         require([pivot > 0.0 for pivot in pivots], "a pivot that may vanish")
+        if not made.iterates:  # of a step of the motion: corrections are values like others
+            correction = _length(np.array([size[number] for number in made.corrections]))
         outputs = made.code.outputs
         error = sweep.arriving(outputs, off).max(axis=1) * _OUT
         ends = [sweep.values[number] for number in outputs]
@@ -120,8 +122,7 @@ class ProgramComputed(ProvableClaim):
             off |= dict(zip(numbers, radius.T, strict=True))
             sweep.values.update(zip(numbers, around[1], strict=True))
         ends = np.stack([sweep.lost[number] for number in made.iterates[-1]], axis=1)
-        moved = (before + radius + ends).max(axis=0)
-        return off, np.array([np.sqrt((moved**2).sum()) * _OUT])
+        return off, _length((before + radius + ends).max(axis=0))
 
     def _inputs(self, branch: Fact, cells: GridCells, part: slice) -> list[FirstOrder]:
         """Q, y and what else is read, as functions of ξ."""
@@ -130,4 +131,9 @@ class ProgramComputed(ProvableClaim):
         q, y = tubes(branch.claim, cells, part, radius, count)
         slopes = np.zeros((count, *q[0].slopes.shape))
         slopes[np.arange(count), :, slopes.shape[2] - count + np.arange(count)] = self.bounds[:, None]
-        return [*q, *y, *(linear(np.zeros_like(q[0].mid), each) for each in slopes)]
+        return self.equations.arranged(q, y, [linear(np.zeros_like(q[0].mid), each) for each in slopes])
+
+
+def _length(moved: Array) -> Array:
+    """A bound of the length of what is no longer by entry, of shape (1,)."""
+    return np.array([np.sqrt((moved**2).sum()) * _OUT])

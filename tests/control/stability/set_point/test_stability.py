@@ -562,7 +562,8 @@ def test_gains_are_held_against_the_motors(rpdr):
     half = np.radians(16.0)
     atlas = certify(rpdr, GOAL, (GOAL - half, GOAL + half), max_depth=5)
     weak = ccpin.load("rpdr", motors={"joint1": {"lower": -1.0, "upper": 1.0}})
-    with pytest.raises(UnattainableGainsError, match="joint1 for up to") as refused:
+    told = r"K_p = \S+ I N m/rad asks joint1 for up to \S+ of its 1 N m from rest"
+    with pytest.raises(UnattainableGainsError, match=told) as refused:
         suggest_gains(ccpin.ReducedModel(weak), GOAL, atlas)
     gains = refused.value.gains
     law = PDSimpleGravity(ccpin.ReducedModel(weak), GOAL, gains.K_p, gains.K_v)

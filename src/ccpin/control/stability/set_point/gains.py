@@ -36,6 +36,7 @@ from ccpin.control.stability.set_point.theorem3 import require_certifiable
 from ccpin.covering.region import Corners
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.closures.packing import require_about
+from ccpin.dynamics.drives import motor_units
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError, UnattainableGainsError
 from ccpin.mechanism.mechanism import Mechanism
@@ -191,7 +192,9 @@ def suggest_gains(
     )
     beyond = _what_is_too_much(model, gains, fastest)
     if beyond:
-        raise UnattainableGainsError(f"K_p = {stiffness[0, 0]:.4g} I {beyond}: {gains.reason}", gains)
+        slides = dict.fromkeys(slide for part in model.coordinates.parts for slide in part.slides)
+        unit = " or ".join("N/m" if slide else "N m/rad" for slide in slides)
+        raise UnattainableGainsError(f"K_p = {stiffness[0, 0]:.4g} I {unit} {beyond}: {gains.reason}", gains)
     return gains
 
 
@@ -298,9 +301,15 @@ def _what_limits(slope: SlopeBound) -> str:
 
 def _what_is_too_much(model: ReducedModel, gains: Gains, fastest: float) -> str:
     """Which motors cannot give what gains ask for from rest, or which mode is too fast; nothing where none is."""
+    motors = model.mechanism.motors
+    units = [
+        unit if gear == 1.0 else f"units of {gear:g} {unit}"
+        for unit, gear in zip(motor_units(model.mechanism), motors.gears, strict=True)
+    ]
+    each = zip(motors.each, gains.effort, gains.effort_limit, units, strict=True)
     beyond = [
-        f"{name} for up to {asked:.4g} of its {most:.4g}"
-        for name, asked, most in zip(model.mechanism.actuated, gains.effort, gains.effort_limit, strict=True)
+        f"{motor.joint} for up to {asked:.4g} of its {most:.4g} {unit}"
+        for motor, asked, most, unit in each
         if asked > most
     ]
     if beyond:

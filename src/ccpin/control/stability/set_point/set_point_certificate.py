@@ -18,6 +18,7 @@ from ccpin.control.stability.set_point.flood import Limit
 from ccpin.control.stability.set_point.set_point_reading import equations_of
 from ccpin.control.stability.set_point.sublevel_claim import SublevelProved
 from ccpin.domain.closures.system import Reading
+from ccpin.dynamics.drives import too_weak
 from ccpin.errors import CcpinError
 from ccpin.kinematics.coordinates import checked_q
 from ccpin.mechanism.assumptions import limits_left_out, mass_assumed, rubbing, without_dry_friction
@@ -101,13 +102,13 @@ class SetPointCertificate(Judged):
                 f"the gain condition fails at q_d: ‖∂g/∂q‖ = {self.slope:.6g} is not below k = {self.gain:.6g}; so "
                 f"Theorem 3 says nothing of it (K_p + ∂g/∂q has the least eigenvalue {self.stiffness:.6g} there)"
             )
-        told = f"c is limited by {_LIMITS[self.limit]}"
+        told = f"c is limited by {_LIMITS[self.limit]}{self._unlimited}"
         if self.verdict == "proven":
             more = "" if self.limit in ("domain", "gain") else f"; {self._more}"
             return f"every motion with 𝒱 < {self.level:.6g} J around q_d {self._end}; {told}{more}"
         if not self.rigorous:
             return f"nothing is proved: on samples c is about {self.level:.6g} J, {told}; over an atlas it is proved"
-        return f"{_FAILED[self.limit]}; {self._more}"
+        return f"{_FAILED[self.limit]}; {self._more}{self._unlimited}"
 
     @property
     def sublevel(self) -> Fact | None:
@@ -140,6 +141,13 @@ class SetPointCertificate(Judged):
         """Limits taken not to be met, and that D is positive definite where that is open (friction: `reason`)."""
         mechanism = self.law.model.mechanism
         return limits_left_out(mechanism) + mass_assumed(mechanism)
+
+    @cached_property
+    def _unlimited(self) -> str:
+        """That efforts are taken as unlimited, where the motors' limits do not hold it still at q_d."""
+        model = self.law.model
+        weak = too_weak(model.mechanism, {"at q_d": self.law.q_free_d}, model.free_system)
+        return f"; efforts are taken as unlimited, and {weak}" if weak else ""
 
     @property
     def _end(self) -> str:

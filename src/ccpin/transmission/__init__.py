@@ -1,0 +1,20 @@
+"""From motors to the joints of a serial robot, through the closed chain between them."""
+
+from ccpin.transmission.effort_box import certify_effort_box
+from ccpin.transmission.pictures import plot_limits, plot_shortcuts
+from ccpin.transmission.shortcuts import compare, motor_loads
+from ccpin.transmission.surveys import survey
+from ccpin.transmission.swing import Swing
+from ccpin.transmission.transmission import Transmission
+
+__all__ = [
+    "Swing",
+    "Transmission",
+    "certify_effort_box",
+    "compare",
+    "motor_loads",
+    "plot_limits",
+    "plot_shortcuts",
+    "survey",
+]
+__dir__ = __all__.copy

@@ -1,0 +1,75 @@
+"""What motors give at their joints: stated limits, a torque–speed line, and their friction."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array, Indices, numbers
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import State
+from ccpin.errors import InvalidInputError
+from ccpin.simulation.plant.motors import MotorModel, TorqueSpeed
+
+
+def stated_efforts(model: ReducedModel, motors: tuple[str, ...], effort: ArrayLike | None) -> tuple[Array, Array]:
+    """−effort and effort, or what the mechanism states of its motors, behind their gears, of shape (n,) each.
+
+    Raises:
+        InvalidInputError: A negative effort, or none stated.
+    """
+    if effort is not None:
+        most = one_each(motors, effort, "effort")
+        return -most, most
+    stated = model.mechanism.motors
+    ends = stated.limits * stated.gears[:, None]
+    unknown = [name for name, each in zip(motors, ends, strict=True) if not np.isfinite(each).all()]
+    if unknown:
+        raise InvalidInputError(f"no limit of effort is stated of {', '.join(unknown)}: give effort=")
+    return ends.min(axis=1), ends.max(axis=1)
+
+
+def at_speed(
+    model: ReducedModel, motors: MotorModel, state: State, v_joint: Array, lower: Array, upper: Array
+) -> tuple[Array, Array]:
+    """The bounds that a torque–speed line leaves at a velocity."""
+    ends = np.array(TorqueSpeed(model, motors).bounds(state, v_joint)) * model.mechanism.motors.gears
+    return np.maximum(lower, ends.min(axis=0)), np.minimum(upper, ends.max(axis=0))
+
+
+def less_friction(lower: Array, upper: Array, level: Array, moving: Array) -> tuple[Array, Array]:
+    """The bounds of what arrives past friction of a level, which opposes the motors' velocity.
+
+    It takes its level off what drives and adds it to what brakes. At rest it is taken off both ways, and what is left,
+    if anything, sets the joints in motion.
+    """
+    way = np.sign(moving)
+    rest = way == 0.0
+    return (
+        np.where(rest, np.minimum(lower + level, 0.0), lower - way * level),
+        np.where(rest, np.maximum(upper - level, 0.0), upper - way * level),
+    )
+
+
+def stated_speeds(model: ReducedModel, motors: tuple[str, ...], rows: Indices, speed: ArrayLike | None) -> Array:
+    """The largest speeds of the motors' joints, as given or as the file states them, of shape (n,).
+
+    Raises:
+        InvalidInputError: A speed that is not positive, or none stated.
+    """
+    most = model.mechanism.joints.velocity[rows] if speed is None else one_each(motors, speed, "speed")
+    if not (np.isfinite(most) & (most > 0.0)).all():
+        raise InvalidInputError(f"speeds of {', '.join(motors)} are {most}; they must be positive: give speed=")
+    return np.array(most)
+
+
+def one_each(names: tuple[str, ...], value: ArrayLike, what: str) -> Array:
+    """A number, 0 or more, for each name, or one for all.
+
+    Raises:
+        InvalidInputError: It is neither.
+    """
+    array = numbers(value, what)
+    if array.shape not in ((), (len(names),)) or not (np.isfinite(array) & (array >= 0.0)).all():
+        raise InvalidInputError(f"{what} = {value!r:.80} must be a number, 0 or more, or {len(names)} of them")
+    return np.array(np.broadcast_to(array, (len(names),)))

@@ -1,0 +1,58 @@
+"""`ccpin transmission`: the table's numbers are the package's, and a picture is written."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from ccpin.cli import main
+from tests.support.linkage_models import FORMS, ROTORS, places, transmission_of
+from tests.support.places import ROOT
+
+ANKLE = str(ROOT / "docs" / "howto" / "ankle.urdf")
+
+
+def test_it_tells_what_the_closed_form_says(capsys, tmp_path):
+    """Rates and felt inertias at the reference, ranges that hold those of random postures on the grid's box."""
+    out = tmp_path / "limits.png"
+    assert main(["transmission", ANKLE, "--rotor", "0.02", "--shortcuts", "2", "--out", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    J = FORMS["ankle"].jacobian(np.zeros(2))
+    np.testing.assert_allclose(told["jacobian"], J, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(told["rotor_inertia"]["reference"], ROTORS["ankle"] * np.diag(J.T @ J), atol=1e-10)
+    assert told["effort"]["share"] == pytest.approx(0.5)
+    assert [row["shortcut"] for row in told["shortcuts"]] == ["static_map", "constant_armature", "serial"]
+    assert out.stat().st_size > 10_000
+    for q in places("ankle", np.random.default_rng(1), 20):
+        polygon = transmission_of("ankle").at(q).torque_polytope()
+        alone = polygon.bounds[1]
+        assert (alone <= np.array(told["effort"]["alone"]["most"]) * 1.01).all()
+
+
+def test_a_page_has_the_polygons_of_its_postures(capsys, tmp_path):
+    """Corners as the closed form's J maps those of the motors' box; nothing is loaded from elsewhere."""
+    out = tmp_path / "ankle.html"
+    assert main(["transmission", ANKLE, "--effort", "10", "20", "--out", str(out)]) == 0
+    assert capsys.readouterr().out.endswith(f"wrote {out}\n")
+    page = out.read_text(encoding="utf-8")
+    told = json.loads(re.search(r'<script type="application/json" id="postures">(.*?)</script>', page)[1])
+    assert told["joints"] == ["pitch", "roll"]
+    assert len(told["postures"]) > 50
+    for one in told["postures"]:
+        corners = np.array([[-10, -20], [-10, 20], [10, 20], [10, -20]]) @ FORMS["ankle"].jacobian(one["q"])
+        np.testing.assert_allclose(one["corners"], corners, rtol=0, atol=1e-8)
+    assert re.findall(r"https?://(?!www\.w3\.org)", page) == []
+    assert main(["transmission", "four_bar", "--out", str(tmp_path / "one.html")]) == 0
+    assert 'id="postures"' not in (tmp_path / "one.html").read_text(encoding="utf-8")
+
+
+def test_in_words(capsys):
+    """Names and units, limits that are not stated, and sides that are not evident."""
+    assert main(["transmission", str(ROOT / "docs" / "howto" / "neck.xml")]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("neck: left_motor, right_motor → pitch, roll\n")
+    assert "give speed=" in said
+    assert "largest box inside ±(6 × 5)" in said
+    assert main(["transmission", "rpdr"]) == 1
+    assert "candidates: joint3, joint4" in capsys.readouterr().err
