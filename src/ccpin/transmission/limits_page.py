@@ -94,6 +94,7 @@ def _postures(found: Survey, effort: ArrayLike | None) -> str:
     polytopes = [posture.torque_polytope(effort=effort) for posture in found.postures]
     reached = np.array([posture.q_joint for posture in found.postures])
     corners = [polytope.vertices for polytope in polytopes]
+    boxes = [polytope.largest_box() for polytope in polytopes]
     told = {
         "joints": list(found.transmission.joints),
         "lower": reached.min(axis=0).tolist(),
@@ -104,10 +105,10 @@ def _postures(found: Survey, effort: ArrayLike | None) -> str:
             {
                 "q": posture.q_joint.tolist(),
                 "corners": corner.tolist(),
-                "box": polytope.largest_box().tolist(),
-                "words": _words(posture, polytope.largest_box()),
+                "box": box.tolist(),
+                "words": _words(posture, box),
             }
-            for posture, corner, polytope in zip(found.postures, corners, polytopes, strict=True)
+            for posture, corner, box in zip(found.postures, corners, boxes, strict=True)
         ],
     }
     return json.dumps(told).replace("<", "\\u003c")
