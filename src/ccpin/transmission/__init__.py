@@ -1,6 +1,7 @@
 """From motors to the joints of a serial robot, through the closed chain between them."""
 
 from ccpin.transmission.effort_box import certify_effort_box
+from ccpin.transmission.identifying_geometry import identify_geometry
 from ccpin.transmission.pictures import plot_limits, plot_shortcuts
 from ccpin.transmission.shortcuts import compare, motor_loads
 from ccpin.transmission.surveys import survey
@@ -12,6 +13,7 @@ __all__ = [
     "Transmission",
     "certify_effort_box",
     "compare",
+    "identify_geometry",
     "motor_loads",
     "plot_limits",
     "plot_shortcuts",
