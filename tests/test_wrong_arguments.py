@@ -377,6 +377,8 @@ def _transmission(b):
     along = {"transmission": found, "motion": swing, "near": None, "samples": 3}
     made = transmission.compare(**along)
     pair = {"v_joint": b.rest, "a_joint": b.rest}
+    joints = q + 0.02 * np.array([[k, k * k % 5] for k in range(8)])
+    motors = [found.motor_from_joint(each) for each in joints]
     limits = {"effort": 1.0, "speed": 1.0}
     return {
         "Transmission": (
@@ -413,6 +415,11 @@ def _transmission(b):
         "Swing": (
             transmission.Swing,
             {"transmission": found, "amplitude": [0.1, 0.1], "frequency": 1.0, "centre": None, "cycles": 1},
+        ),
+        "identify_geometry": (
+            transmission.identify_geometry,
+            {"transmission": found, "motor_positions": motors, "joint_positions": joints, "motor_noise": 1e-3}
+            | {"joint_noise": 1e-3, "parameters": None, "known": (), "offsets": (), "priors": None},
         ),
         "compare": (transmission.compare, along | {"shortcut": "serial", "bandwidth": None}),
         "motor_loads": (transmission.motor_loads, along),

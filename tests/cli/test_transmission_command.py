@@ -8,6 +8,7 @@ import pytest
 
 from ccpin.cli import main
 from tests.support.linkage_models import FORMS, ROTORS, places, transmission_of
+from tests.support.measured_pairs import LINKAGES
 from tests.support.places import ROOT
 
 ANKLE = str(ROOT / "docs" / "howto" / "ankle.urdf")
@@ -45,6 +46,31 @@ def test_a_page_has_the_polygons_of_its_postures(capsys, tmp_path):
     assert re.findall(r"https?://(?!www\.w3\.org)", page) == []
     assert main(["transmission", "four_bar", "--out", str(tmp_path / "one.html")]) == 0
     assert 'id="postures"' not in (tmp_path / "one.html").read_text(encoding="utf-8")
+
+
+def test_lengths_from_a_table(capsys, tmp_path):
+    """Pairs in degrees of another crank and rod: numbers, the file written, and tables that are none."""
+    linkage = LINKAGES["ankle"]()
+    truth = linkage.stated + [0.002, -0.003, 0.0, 0.0, 0.0, -0.001, 0.002, 0.0, 0.0, 0.0]
+    motors, joints = linkage.measured(truth, 12, np.random.default_rng(4), noise=0.0)
+    table, out = tmp_path / "pairs.csv", tmp_path / "found.urdf"
+    header = "roll, pitch, left_motor, note, right_motor"
+    rows = np.degrees(np.hstack([joints[:, ::-1], motors]))
+    table.write_text("\n".join([header, *(f"{a!r}, {b!r}, {c!r}, x, {d!r}" for a, b, c, d in rows.tolist())]))
+    asked = ["transmission", ANKLE, "--identify", str(table), "--unknown", *(linkage.numbers[k] for k in (0, 1, 5, 6))]
+    assert main([*asked, "--degrees", "--out", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    np.testing.assert_allclose([each["value"] for each in told["numbers"]], truth[[0, 1, 5, 6]], rtol=0, atol=1e-8)
+    assert (told["pairs"], told["rank"], told["unobservable"], told["written"]) == (12, 4, [], str(out))
+    assert re.search(r'<joint name="left_ball"[^$]*?<origin xyz="(\S+) ', out.read_text(encoding="utf-8"))[
+        1
+    ].startswith("-0.04")
+    assert main([*asked, "--degrees"]) == 0
+    assert "origin:left_ball/x" in capsys.readouterr().out
+    for text, word in (("roll,pitch\n1,2", "no column 'left_motor'"), ("\n".join([header, "1,2,3,4,x"]), "float")):
+        table.write_text(text)
+        assert main(asked) == 1
+        assert word in capsys.readouterr().err
 
 
 def test_in_words(capsys):

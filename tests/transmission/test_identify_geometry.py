@@ -1,4 +1,4 @@
-"""Lengths and anchors from measured angles: against Freudenstein's equation, least squares in closed form, and truth."""
+"""Lengths and anchors from measured angles: Freudenstein's equation, least squares of closed forms, true numbers."""
 
 from dataclasses import replace
 

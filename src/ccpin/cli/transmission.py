@@ -13,6 +13,7 @@ import shtab
 
 from ccpin.arrays import Array
 from ccpin.cli.command import add_command, complete, positive
+from ccpin.cli.identify import add_identify, identify
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.errors import InvalidInputError
@@ -41,13 +42,20 @@ def add_transmission(commands: Any) -> None:
     parser.add_argument("--rotor", nargs="+", type=positive, metavar="KGM2", help=f"rotor inertia {behind}")
     swing = "frequencies of swings over a third of the range along which shortcuts are compared"
     parser.add_argument("--shortcuts", nargs="+", type=positive, metavar="HZ", help=swing)
-    written = "draw limits of effort and speed as a picture (.png, .pdf, .svg), or write a page with sliders (.html)"
+    add_identify(parser)
+    written = (
+        "draw limits of effort and speed as a picture (.png, .pdf, .svg), or write a page with sliders (.html); "
+        "with --identify the mechanism found (.urdf, .sdf, .xml)"
+    )
     complete(parser.add_argument("--out", type=Path, metavar="FILE", help=written), shtab.FILE)
 
 
 def _transmission(options: argparse.Namespace) -> int:
     mechanism = load(options)
     transmission = Transmission(mechanism, options.joints, options.motors)
+    if options.identify is not None:
+        identify(transmission, options)
+        return 0
     if options.rotor is not None:
         transmission = _with_rotors(transmission, options.rotor)
     effort, speed = _each(options.effort), _each(options.speed)

@@ -98,8 +98,9 @@ class GeometryEquations:
         """
         x, n, size = x.copy(), len(self._q), len(self._own.near)
         for _ in range(_MOST_STEPS):
-            phi, slopes = self._at(x, p)
-            step = solve_many(slopes[:, :, self._y], phi)
+            with np.errstate(all="ignore"):  # what is not finite does not settle
+                phi, slopes = self._at(x, p)
+                step = solve_many(slopes[:, :, self._y], phi)
             x[:, self._y] -= step
             if np.abs(step).max(initial=0.0) <= self._tolerance:
                 break
@@ -107,7 +108,7 @@ class GeometryEquations:
             raise ConvergenceError("the linkage does not close at a pair")
         _, slopes = self._at(x, p)
         own = np.sign(np.linalg.det(slopes[:, :, self._y]))
-        if signs is not None and (own != signs).any():
+        if not own.all() or (signs is not None and (own != signs).any()):
             raise ConvergenceError("the linkage closes at a pair on another branch")
         right = np.concatenate([slopes[:, :, self._q], slopes[:, :, size:]], axis=2)
         by = np.zeros((len(x), size, right.shape[2]))

@@ -101,7 +101,8 @@ def identify_geometry(
             f"'{mechanism.name}' has more closure rows than it has dependent motions: with other lengths it would not "
             "close, so that single lengths cannot be identified; state closures that are not redundant (spherical)"
         )
-    problem = _Problem(transmission, unknown_numbers(transmission, parameters, known, offsets), pairs, priors or {})
+    told = instance({} if priors is None else priors, "priors", Mapping, "a mapping of names to standard deviations")
+    problem = _Problem(transmission, unknown_numbers(transmission, parameters, known, offsets), pairs, told)
     return _identified(problem, *_solved(problem))
 
 
@@ -158,7 +159,7 @@ class _Problem:
         self._circles = [part.whole is not None for part in parts]
         spreads = {
             each.name: positive(spread, f"priors[{name!r}]")
-            for name, spread in dict(priors).items()
+            for name, spread in priors.items()
             for each in named_numbers(unknowns, [name], "priors")
         }
         told = [k for k, each in enumerate(unknowns) if each.name in spreads]
