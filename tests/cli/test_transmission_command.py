@@ -65,12 +65,17 @@ def test_lengths_from_a_table(capsys, tmp_path):
     assert re.search(r'<joint name="left_ball"[^$]*?<origin xyz="(\S+) ', out.read_text(encoding="utf-8"))[
         1
     ].startswith("-0.04")
-    assert main([*asked, "--degrees"]) == 0
-    assert "origin:left_ball/x" in capsys.readouterr().out
-    for text, word in (("roll,pitch\n1,2", "no column 'left_motor'"), ("\n".join([header, "1,2,3,4,x"]), "float")):
+    for text, word in (
+        ("motor,knee\n", "no column 'crank'"),
+        ("crank,rocker\n1,x", "float"),
+        ("crank,rocker", "no pairs"),
+        ("", "is no table"),
+    ):
         table.write_text(text)
-        assert main(asked) == 1
+        assert main(["transmission", "four_bar", "--identify", str(table)]) == 1
         assert word in capsys.readouterr().err
+    assert main(["transmission", "four_bar", "--identify", str(tmp_path / "none.csv")]) == 1
+    assert "is no table: [Errno 2]" in capsys.readouterr().err
 
 
 def test_in_words(capsys):

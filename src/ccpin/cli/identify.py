@@ -68,10 +68,14 @@ def _table(path: Path, names: tuple[str, ...]) -> Array:
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file, skipinitialspace=True))
-            found = [[float(row[name]) for name in names] for row in rows]
-    except KeyError as error:
-        raise InvalidInputError(f"{path} has no column {error}; its header names {', '.join(names)}") from None
-    except (OSError, UnicodeDecodeError, csv.Error, TypeError, ValueError) as error:
+            header, *rows = csv.reader(file, skipinitialspace=True)
+    except (OSError, ValueError, csv.Error) as error:
+        raise InvalidInputError(f"{path} is no table: {error}") from None
+    if lacking := [name for name in names if name not in header]:
+        raise InvalidInputError(f"{path} has no column '{lacking[0]}'; its header names {', '.join(names)}")
+    places = [header.index(name) for name in names]
+    try:
+        found = [[float(row[place]) for place in places] for row in rows]
+    except (IndexError, ValueError) as error:
         raise InvalidInputError(f"{path}: {error}") from None
     return np.array(found).reshape(-1, len(names))
