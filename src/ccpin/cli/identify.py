@@ -54,7 +54,10 @@ def identify(transmission: Transmission, options: argparse.Namespace) -> None:
     spreads = [float(x) if np.isfinite(x) else None for x in found.standard_deviations]
     rows = zip(found.parameters, found.units, found.stated.tolist(), found.values.tolist(), spreads, strict=True)
     names = ("name", "unit", "stated", "value", "standard_deviation")
-    facts = {"numbers": [dict(zip(names, row, strict=True)) for row in rows], "unobservable": found.unobservable}
+    facts: dict[str, Any] = {
+        "numbers": [dict(zip(names, row, strict=True)) for row in rows],
+        "unobservable": found.unobservable,
+    }
     facts |= {"pairs": len(motors), "rank": found.rank, "condition": found.condition, "misfit": found.misfit}
     facts |= {"residual_rms": found.residual_rms.tolist(), "written": options.out and str(options.out)}
     print(json.dumps(facts, indent=2))
