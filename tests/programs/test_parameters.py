@@ -60,6 +60,17 @@ def agree(program, p, changed, what=QUANTITIES):
         assert found.status == 0
 
 
+def closed(model, names, p, changed):
+    """The closures of a model with parameters hold at closed states of the changed one, and not at its own."""
+    program, other = recorded(model, names, "closure"), ccpin.ReducedModel(changed)
+    own = numbering(other, other.mechanism.q_reference)
+    for step in (-0.05, 0.0, 0.08):
+        x = own.numbers(other.sigma(other.alpha(other.mechanism.q_reference) + step))
+        at = {"q": x[list(own.q.places)], "y": x[list(own.dependent)]}
+        np.testing.assert_allclose(program(**at, p=p)["closure"], 0.0, rtol=0, atol=1e-12)
+        assert np.abs(program(**at, p=np.array(program.example)[-len(names) :])["closure"]).max() > 1e-3
+
+
 @pytest.fixture(scope="module")
 def mechanism():
     """The five-bar."""
@@ -147,7 +158,9 @@ def test_origins_along_the_axes_of_links():
     p = p + [0.01, 0.004, -0.005, 0.006, -0.007]
     moved = replace(on_plate, placement_a=_at(on_plate.placement_a, p[1:4]), length=p[4])
     place = replace(rocker, placement=_at(rocker.placement, [p[0], *rocker.placement[1:3, 3]]))
-    agree(program, p, ccpin.load(replace(altered(whole, joints={"rocker": place}), closures=(moved,))))
+    changed = ccpin.load(replace(altered(whole, joints={"rocker": place}), closures=(moved,)))
+    agree(program, p, changed)
+    closed(ccpin.ReducedModel(ccpin.load(whole)), names, p, changed)
 
 
 def _at(frame, position):
@@ -171,6 +184,12 @@ def test_ratios_of_couplings():
     program = recorded(ccpin.ReducedModel(ccpin.load(with_ratios(0.8, -1.0))), names)
     np.testing.assert_array_equal(np.array(program.example)[-2:], [0.8, -1.0])
     agree(program, [0.7, -1.2], ccpin.load(with_ratios(0.7, -1.2)))
+    closed(
+        ccpin.ReducedModel(ccpin.load(with_ratios(0.8, -1.0))), names, [0.7, -1.2], ccpin.load(with_ratios(0.7, -1.2))
+    )
+    constant = replace(first, terms=(*first.terms, replace(first.terms[0], joint="left_motor", coefficients=(0.0,))))
+    bare = ccpin.ReducedModel(ccpin.load(replace(description, couplings=(constant, second))))
+    assert len(geometry_of(bare)) == len(geometry_of(ccpin.ReducedModel(ccpin.load(description))))
     model = ccpin.ReducedModel(transmission_of("neck").joint_model.mechanism)
     every = {each.name: each.value for each in geometry_of(model)}
     assert [name for name in every if name.startswith("ratio")] == [

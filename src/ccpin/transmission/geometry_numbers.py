@@ -14,7 +14,7 @@ from ccpin.programs.recording.constants import Parameter, geometry_of
 from ccpin.transmission.transmission import Transmission
 
 
-def geometry_numbers(transmission: Transmission) -> tuple[Parameter, ...]:
+def numbers_on_loops(transmission: Transmission) -> tuple[Parameter, ...]:
     """Of joints on loops, of closures, and of couplings but for the first term, which says what the row counts."""
     mechanism = transmission.joint_model.mechanism
     loops = [loop for loop in mechanism.constraints().loops if loop.closure not in mechanism.locks]
@@ -38,7 +38,7 @@ def unknown_numbers(
     Raises:
         InvalidInputError: There is none of a name, or none is left.
     """
-    every = geometry_numbers(transmission)
+    every = numbers_on_loops(transmission)
     chosen = every if asked is None else named_numbers(every, asked, "parameters")
     held, told = named_numbers(every, known, "known"), dict.fromkeys(records(offsets, "offsets", str))
     sides = transmission.joint_side, transmission.motor_side

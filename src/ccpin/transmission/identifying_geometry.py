@@ -102,7 +102,7 @@ def identify_geometry(
             "close, so that single lengths cannot be identified; state closures that are not redundant (spherical)"
         )
     told = instance({} if priors is None else priors, "priors", Mapping, "a mapping of names to standard deviations")
-    problem = _Problem(transmission, unknown_numbers(transmission, parameters, known, offsets), pairs, told)
+    problem = _PairFit(transmission, unknown_numbers(transmission, parameters, known, offsets), pairs, told)
     return _identified(problem, *_solved(problem))
 
 
@@ -140,7 +140,7 @@ class _Fit(NamedTuple):
     whitening: Array
 
 
-class _Problem:
+class _PairFit:
     """What the iteration reads, and what it does at an estimate."""
 
     def __init__(
@@ -232,7 +232,7 @@ class _Problem:
         raise ConvergenceError(f"no step from the geometry reached makes residuals smaller{blocked}; {_OTHER}")
 
 
-def _solved(problem: _Problem) -> tuple[_Fit, int, int]:
+def _solved(problem: _PairFit) -> tuple[_Fit, int, int]:
     """Where Gauss–Newton settles, how many directions are observable, and how many steps were taken."""
     here = problem.at(problem.start, problem.equations.start(problem.measured.joints))
     rank = len(problem.unknowns)
@@ -246,7 +246,7 @@ def _solved(problem: _Problem) -> tuple[_Fit, int, int]:
     raise ConvergenceError(f"the geometry did not settle in {_MOST_STEPS} steps; {_OTHER}")
 
 
-def _observable(problem: _Problem, s: Array, equations: int) -> int:
+def _observable(problem: _PairFit, s: Array, equations: int) -> int:
     """How many directions are observable.
 
     Raises:
@@ -264,7 +264,7 @@ def _observable(problem: _Problem, s: Array, equations: int) -> int:
     return rank
 
 
-def _identified(problem: _Problem, fit: _Fit, rank: int, steps: int) -> IdentifiedGeometry:
+def _identified(problem: _PairFit, fit: _Fit, rank: int, steps: int) -> IdentifiedGeometry:
     """The result.
 
     Raises:

@@ -476,6 +476,11 @@ ROOMS: tuple[Room, ...] = (
                 "not asked: len(links) == 1",
                 "of several links with masses none weighs what all of them do",
             ),
+            (
+                "or link.inertia is None:",
+                "not asked: link.inertia is None",
+                "the mass of a link that has none is no parameter",
+            ),
         ),
     ),
     Room("programs/folding", ("folded",), (*_PROGRAMS, _TAPES)),
