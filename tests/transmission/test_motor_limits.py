@@ -101,7 +101,10 @@ def test_friction_takes_what_its_work_says():
     assert made.friction.tolist() == [1.5]
     other = certify_limits(found, region, size=[1.0], friction=0.25, max_cells=64)
     np.testing.assert_allclose(made.held.found["lost"] - other.held.found["lost"], 1.25, rtol=1e-5)
-    for change in ({"friction": np.array([1.4])}, {"transmission": rubbing("knee", motor=1.5, rod_swing=1.9, knee=9.0)}):
+    for change in (
+        {"friction": np.array([1.4])},
+        {"transmission": rubbing("knee", motor=1.5, rod_swing=1.9, knee=9.0)},
+    ):
         assert replace(made, **change).verdict == "undecided"
     whole = certify_limits(found, region, max_cells=64)
     used = whole.held.found["asked"] + whole.held.found["lost"]
@@ -199,7 +202,7 @@ def test_no_posture_of_the_region_asks_more(name, of, form, count, part, cells):
 
     A million points and more, slowly.
     """
-    region = part * np.array(REGIONS[name])
+    region = tuple(part * np.array(REGIONS[name]))
     made = certify_limits(
         transmission_of(name), region, of, form=form, max_cells=cells, speed=20.0 if of == "speed" else None
     )

@@ -227,3 +227,33 @@ def test_an_ankle_by_somebody_else():
     posture = found.at(q)
     expected = np.stack([derivative(lambda s, w=w: found.motor_from_joint(q + s * w)) for w in np.eye(2)], axis=1)
     np.testing.assert_allclose(posture.jacobian, expected, rtol=0, atol=1e-9)
+
+
+@each
+def test_inertia_is_mujocos_projected(name, tmp_path):
+    """D = ρᵀMρ, M MuJoCo's of the file that was written, rotors included; of rods on balls the spin at no momentum.
+
+    Where a spin is locked, D is the Schur complement of that of the mechanism with the spin left free.
+    """
+    mujoco = pytest.importorskip("mujoco")
+    still, whole = (ccpin.ReducedModel(loaded(name, **more)) for more in ({}, {"free": ["all"]}))
+    still.mechanism.save(tmp_path / "robot.xml")
+    engine = mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml"))
+    rng, mass = np.random.default_rng(8), np.zeros((engine.nv, engine.nv))
+    data, near = mujoco.MjData(engine), still.mechanism.q_reference
+    places = {each.name: engine.joint(each.name) for each in still.mechanism.tree.joints}
+    for _ in range(8):
+        state = still.at(still.alpha(still.mechanism.q_reference) + rng.uniform(-0.1, 0.1, still.n), near)
+        rows = []
+        for joint in still.mechanism.tree.joints:
+            told = np.array(joint.kind.told(state.q_free[joint.q]))
+            data.qpos[places[joint.name].qposadr[0] :][: len(told)] = told[[3, 0, 1, 2]] if len(told) == 4 else told
+            rows += [places[joint.name].dofadr[0] + k for k in range(joint.v.stop - joint.v.start)]
+        mujoco.mj_forward(engine, data)
+        mujoco.mj_fullM(engine, data, mass)
+        free = whole.at(whole.alpha(state.q_free), state.q_free)
+        D = free.rho.T @ mass[np.ix_(rows, rows)] @ free.rho
+        np.testing.assert_allclose(free.D, D, rtol=0, atol=1e-12 * np.abs(D).max())
+        n = still.n
+        reduced = D[:n, :n] - D[:n, n:] @ np.linalg.solve(D[n:, n:], D[n:, :n])
+        np.testing.assert_allclose(state.D, reduced, rtol=0, atol=1e-12 * np.abs(D).max())
