@@ -257,3 +257,14 @@ def test_inertia_is_mujocos_projected(name, tmp_path):
         n = still.n
         reduced = D[:n, :n] - D[:n, n:] @ np.linalg.solve(D[n:, n:], D[n:, :n])
         np.testing.assert_allclose(state.D, reduced, rtol=0, atol=1e-12 * np.abs(D).max())
+
+
+@pytest.mark.parametrize("name", ["ankle", "knee"])
+def test_either_side_is_certified_by_domain(name):
+    """σ in the joints' coordinates and in the motors' over the same postures; across a singular posture not."""
+    found = transmission_of(name)
+    for model, middle in ((found.joint_model, "q_joint"), (found.motor_model, "q_motor")):
+        q = getattr(found.reference, middle)
+        start = model.alpha(model.mechanism.q_reference)
+        assert ccpin.domain.certify(model, start, (q - 0.1, q + 0.1)).certified_fraction == 1.0
+        assert ccpin.domain.certify(model, start, (q - 3.0, q + 3.0), max_depth=5).certified_fraction < 1.0

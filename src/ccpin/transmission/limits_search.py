@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from ccpin.validated.programs.proposals import proposed_branch
 _BETTER = 1.02  # of what was before: else a finer cut is not worth it
 _BELOW = 1.0 - 1e-9  # of what bounds allow: room for rounding
 CLAIMS: dict[str, type[MotorLimits]] = {"effort": EffortsHeld, "speed": SpeedsHeld}
-FORMS = ("box", "ellipsoid")
+FORMS: tuple[Literal["box", "ellipsoid"], ...] = ("box", "ellipsoid")
 
 
 class Sought(NamedTuple):

@@ -14,8 +14,8 @@ from ccpin.validated.arithmetic.first_order import FirstOrder, linear, precondit
 from ccpin.validated.programs.branch_claim import CELLS, BranchOverCells, GridCells, cells_of, placed, tabled, tubes
 from ccpin.validated.programs.program_equations import ProgramEquations, Runnable, runnable
 
-_OUT = 1.0 + 2.0**-40  # on bounds made of some hundred sums and products of doubles that are not negative
-_UNIT = 2.0**-53
+_ROUNDED = 2.0**-40  # of the size of some hundred sums and products of doubles
+_OUT = 1.0 + _ROUNDED  # on those that are not negative
 _LEAST = 1e-290  # above what underflows add
 
 
@@ -81,7 +81,7 @@ class MotorLimits(ProvableClaim):
         off = preconditioned(P, self.matrix(by_q, q, y), less_identity=True)
         taken = np.flatnonzero(self.friction)
         with np.errstate(all="ignore"):
-            first = np.abs(P[:, :, :n] @ self.size) + (n + 2) * _UNIT * (np.abs(P[:, :, :n]) @ np.abs(self.size))
+            first = np.abs(P[:, :, :n] @ self.size) + _ROUNDED * (np.abs(P[:, :, :n]) @ np.abs(self.size))
             given = np.concatenate([first, np.abs(P[:, :, taken]) * self.friction[taken]], axis=2) * _OUT + _LEAST
             bound = _above(given, off)
         require(bound > 0.0, "a bound that is none")
