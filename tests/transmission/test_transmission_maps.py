@@ -261,10 +261,26 @@ def test_inertia_is_mujocos_projected(name, tmp_path):
 
 @pytest.mark.parametrize("name", ["ankle", "knee"])
 def test_either_side_is_certified_by_domain(name):
-    """σ in the joints' coordinates and in the motors' over the same postures; across a singular posture not."""
+    """σ in the joints' coordinates and in the motors'."""
     found = transmission_of(name)
-    for model, middle in ((found.joint_model, "q_joint"), (found.motor_model, "q_motor")):
-        q = getattr(found.reference, middle)
+    for model, side in ((found.joint_model, found.joint_side), (found.motor_model, found.motor_side)):
         start = model.alpha(model.mechanism.q_reference)
+        q = side.positions(start)
         assert ccpin.domain.certify(model, start, (q - 0.1, q + 0.1)).certified_fraction == 1.0
-        assert ccpin.domain.certify(model, start, (q - 3.0, q + 3.0), max_depth=5).certified_fraction < 1.0
+
+
+def test_motors_coordinates_end_where_the_motor_turns_back():
+    """The knee's lever goes all round, its motor to and fro between the extremes of the closed form's q_m."""
+    found, form = transmission_of("knee"), FORMS["knee"]
+    reached = np.array([form.motors([q])[0] for q in np.linspace(-np.pi, np.pi, 4001)])
+    least, most = reached.min(), reached.max()
+    model = found.motor_model
+    start = model.alpha(model.mechanism.q_reference)
+    atlas = ccpin.domain.certify(model, start, ([least - 0.2], [most + 0.2]))
+    assert atlas.contains([least + 1e-3])
+    assert atlas.contains([most - 1e-3])
+    assert not atlas.contains([least - 1e-6])
+    assert not atlas.contains([most + 1e-6])
+    joint = found.joint_model
+    around = ccpin.domain.certify(joint, joint.alpha(joint.mechanism.q_reference), ([-3.0], [3.0]))
+    assert around.certified_fraction == 1.0
