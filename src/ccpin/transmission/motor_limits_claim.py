@@ -87,7 +87,7 @@ class MotorLimits(ProvableClaim):
         require(bound > 0.0, "a bound that is none")
         require((given + off @ bound) * _OUT < bound, "a cell whose matrix is not proved regular")
         own, others = np.split(bound[:, self.motor_rows()], [n], axis=2)
-        asked = np.sqrt((own**2).sum(axis=2)) if self.rounded[0] else own.sum(axis=2)
+        asked = (np.hypot.reduce if self.rounded[0] else np.add.reduce)(own, axis=2)
         return asked * _OUT, others.sum(axis=2) * _OUT
 
 
