@@ -427,10 +427,10 @@ def _transmission(b):
             transmission.survey,
             {"transmission": found, "lower": q - 0.01, "upper": q + 0.01, "count": 2},
         ),
-        "certify_effort_box": (
-            transmission.certify_effort_box,
-            {"transmission": found, "region": (q - 0.01, q + 0.01), "box": None, "shape": None, "effort": 1.0}
-            | {"max_cells": 1},
+        "certify_limits": (
+            transmission.certify_limits,
+            {"transmission": found, "region": (q - 0.01, q + 0.01), "of": "effort", "size": None, "form": "box"}
+            | {"shape": None, "effort": 1.0, "speed": None, "friction": None, "motors": None, "max_cells": 1},
         ),
         "plot_limits": (transmission.plot_limits, {"transmission": found, "title": None} | limits),
         "plot_shortcuts": (transmission.plot_shortcuts, {"comparisons": [made], "title": None}),

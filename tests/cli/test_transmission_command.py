@@ -87,3 +87,23 @@ def test_in_words(capsys):
     assert "largest box inside ±(6 × 5)" in said
     assert main(["transmission", "rpdr"]) == 1
     assert "candidates: joint3, joint4" in capsys.readouterr().err
+
+
+def test_limits_are_proved_within(capsys, tmp_path):
+    """The neck's J is constant: what is proved is what is largest there; what is not stated is told."""
+    pytest.importorskip("flint")
+    neck, out = str(ROOT / "docs" / "howto" / "neck.xml"), tmp_path / "neck.png"
+    assert main(["transmission", neck, "--within", "0.2", "0.1", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [(row["of"], row["form"], row["verdict"]) for row in told["proved"]] == [
+        ("effort", "box", "proven"), ("effort", "ellipsoid", "proven"),
+        ("speed", "box", "undecided"), ("speed", "ellipsoid", "undecided"),
+    ]  # fmt: skip
+    np.testing.assert_allclose(np.diag(told["proved"][0]["size"]), told["effort"]["box"], rtol=1e-5)
+    assert main(["transmission", neck, "--within", "0.2", "--speed", "9", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "at all postures within ±(0.2 × 0.2) of the reference:\n  proven: motors hold pitch ±6, roll ±5 over" in said
+    assert "motors have speeds" in said
+    assert out.stat().st_size > 10_000
+    assert main(["transmission", neck, "--within", "0.2", "0.1", "0.3"]) == 1
+    assert "--within" in capsys.readouterr().err

@@ -6,7 +6,7 @@ import argparse
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import shtab
@@ -17,6 +17,9 @@ from ccpin.cli.identify import add_identify, identify
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.errors import InvalidInputError
+from ccpin.transmission.limits_search import FORMS
+from ccpin.transmission.motor_bounds import one_each
+from ccpin.transmission.motor_limits import LimitsCertificate, certify_limits
 from ccpin.transmission.polytopes import Polytope
 from ccpin.transmission.posture import Posture
 from ccpin.transmission.shortcuts import SHORTCUTS, compare
@@ -24,10 +27,12 @@ from ccpin.transmission.surveys import Survey, survey
 from ccpin.transmission.swing import Swing
 from ccpin.transmission.transmission import Transmission
 
+_CELLS = 1024  # into which a region is cut to prove limits over it
 _EXAMPLES = """\
 example: ccpin transmission four_bar
          ccpin transmission four_bar --rotor 2e-4 --shortcuts 1 4 --out limits.png
-         ccpin transmission rpdr --joints joint3 joint4 --effort 10 --speed 20"""
+         ccpin transmission rpdr --joints joint3 joint4 --effort 10 --speed 20
+         ccpin transmission four_bar --effort 10 --speed 20 --within 0.2"""
 
 
 def add_transmission(commands: Any) -> None:
@@ -40,6 +45,8 @@ def add_transmission(commands: Any) -> None:
     parser.add_argument("--effort", nargs="+", type=positive, metavar="NM", help=f"limits of the motors {behind}")
     parser.add_argument("--speed", nargs="+", type=positive, metavar="RAD/S", help=f"limits of the motors {behind}")
     parser.add_argument("--rotor", nargs="+", type=positive, metavar="KGM2", help=f"rotor inertia {behind}")
+    within = "prove limits of efforts and speeds over joints so far from the reference, one number or one each"
+    parser.add_argument("--within", nargs="+", type=positive, metavar="RAD", help=within)
     swing = "frequencies of swings over a third of the range along which shortcuts are compared"
     parser.add_argument("--shortcuts", nargs="+", type=positive, metavar="HZ", help=swing)
     add_identify(parser)
@@ -65,15 +72,50 @@ def _transmission(options: argparse.Namespace) -> int:
     if options.shortcuts:
         with busy(options.json, "shortcuts along swings"):
             facts["shortcuts"] = list(_compared(found, options.shortcuts))
+    proved = list[LimitsCertificate]()
+    if (within := _each(options.within)) is not None:
+        with busy(options.json, "limits proved"):
+            far = one_each(transmission.joints, within, "--within")
+            facts["proved"], proved = _proved(transmission, far, effort, speed)
+            facts["within"] = far.tolist()
     if options.out is not None:
         with busy(options.json, "drawing"):
-            _draw(found, options.out, list(_in_words(facts)), effort, speed)
+            _draw(found, options.out, list(_in_words(facts)), effort, speed, proved)
         facts["written"] = str(options.out)
     print(json.dumps(facts, indent=2) if options.json else "\n".join(_in_words(facts)))
     return 0
 
 
-def _draw(found: Survey, out: Path, words: Sequence[str], effort: Array | None, speed: Array | None) -> None:
+def _proved(
+    transmission: Transmission, far: Array, effort: Array | None, speed: Array | None
+) -> tuple[list[dict[str, Any]], list[LimitsCertificate]]:
+    """Boxes and ellipsoids over a region about the reference, as numbers and as certificates."""
+    home, told, found = transmission.reference.q_joint, list[dict[str, Any]](), list[LimitsCertificate]()
+    given: tuple[tuple[Literal["effort", "speed"], Array | None, Array | None], ...]
+    given = ("effort", effort, None), ("speed", None, speed)
+    for of, most, fastest in given:
+        for form in FORMS:
+            row: dict[str, Any] = {"of": of, "form": form}
+            try:
+                made = certify_limits(
+                    transmission, (home - far, home + far), of, form=form, effort=most, speed=fastest, max_cells=_CELLS
+                )
+                found.append(made)
+                row |= {"verdict": made.verdict, "reason": made.reason, "size": made.size.tolist()}
+            except InvalidInputError as error:
+                row |= {"verdict": "undecided", "reason": str(error)}
+            told.append(row)
+    return told, found
+
+
+def _draw(
+    found: Survey,
+    out: Path,
+    words: Sequence[str],
+    effort: Array | None,
+    speed: Array | None,
+    proved: Sequence[LimitsCertificate],
+) -> None:
     """A page or a picture, by the file's ending."""
     from ccpin import plotting
     from ccpin.files import writable_target, write_atomically
@@ -81,9 +123,9 @@ def _draw(found: Survey, out: Path, words: Sequence[str], effort: Array | None, 
     from ccpin.transmission.pictures import plot_limits
 
     if out.suffix != ".html":
-        plotting.save(plot_limits(found.transmission, effort=effort, speed=speed), out)
+        plotting.save(plot_limits(found.transmission, effort=effort, speed=speed, proved=proved), out)
         return
-    page = transmission_page(found, words, effort=effort, speed=speed)
+    page = transmission_page(found, words, effort=effort, speed=speed, proved=proved)
     write_atomically(writable_target(out), "w", lambda file: file.write(page))
 
 
@@ -198,6 +240,10 @@ def _in_words(facts: dict[str, Any]) -> Iterator[str]:
         box, common = (" × ".join(f"{x:.4g}" for x in told[key]) for key in ("box", "box_sampled"))
         share = f"{100 * told['share']:.0f} % of the box around it"
         yield f"  {name}: {share}; largest box inside ±({box}), in all sampled ±({common})"
+    if "within" in facts:
+        yield f"  at all postures within ±({' × '.join(f'{x:.4g}' for x in facts['within'])}) of the reference:"
+    for row in facts.get("proved", ()):
+        yield f"  {row['verdict']}: {row['reason']}"
     for row in facts.get("shortcuts", ()):
         part = f"{100 * row['torque_error']:.1f} % of the effort is missing"
         yield f"  {row['shortcut']:<18} at {row['frequency']:g} Hz: {part}"

@@ -1,7 +1,7 @@
 """From motors to the joints of a serial robot, through the closed chain between them."""
 
-from ccpin.transmission.effort_box import certify_effort_box
 from ccpin.transmission.identifying_geometry import identify_geometry
+from ccpin.transmission.motor_limits import certify_limits
 from ccpin.transmission.pictures import plot_limits, plot_shortcuts
 from ccpin.transmission.shortcuts import compare, motor_loads
 from ccpin.transmission.surveys import survey
@@ -11,7 +11,7 @@ from ccpin.transmission.transmission import Transmission
 __all__ = [
     "Swing",
     "Transmission",
-    "certify_effort_box",
+    "certify_limits",
     "compare",
     "identify_geometry",
     "motor_loads",
