@@ -83,7 +83,7 @@ class CompiledProgram:
         flags = ("-O2" if len(program.code.instructions) <= PIECE else "-O1", *wide.flags)
         self._use(loaded(lambda: source(program, format, wide), _made_of(program, format, wide), flags, self._examined))
 
-    def __reduce__(self) -> tuple[type[CompiledProgram], tuple[Program, Format, Width | None]]:
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         return CompiledProgram, (self.program, self.format, self._vectors)
 
     def _use(self, library: ctypes.CDLL) -> None:
