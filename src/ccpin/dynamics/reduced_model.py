@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, frozen, instance, positive, vector
+from ccpin.arrays import Array, frozen, instance, vector, whole
 from ccpin.displays import table
 from ccpin.dynamics.batches import Failures, Rows, completed, rows, together
 from ccpin.dynamics.derivatives import (
@@ -311,7 +311,7 @@ class ReducedModel:
     ) -> list[Array]:
         """Each row of the arguments given to the shorthand of that name, field by field."""
         count = together(*given)
-        found = getattr(self.core, f"{name}_many")(*given, self._place(near), int(positive(threads, "threads")))
+        found = getattr(self.core, f"{name}_many")(*given, self._place(near), whole(threads, "threads"))
         if found is not None:
             finite = np.logical_and.reduce([np.isfinite(array).all(axis=1) for array in given])
             found = ((found[0],) if len(shapes) == 1 else found[0]), found[1] & finite
