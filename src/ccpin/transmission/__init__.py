@@ -2,6 +2,7 @@
 
 from ccpin.transmission.effort_box import certify_effort_box
 from ccpin.transmission.pictures import plot_limits, plot_shortcuts
+from ccpin.transmission.serial_robot import serial_robot
 from ccpin.transmission.shortcuts import compare, motor_loads
 from ccpin.transmission.surveys import survey
 from ccpin.transmission.swing import Swing
@@ -15,6 +16,7 @@ __all__ = [
     "motor_loads",
     "plot_limits",
     "plot_shortcuts",
+    "serial_robot",
     "survey",
 ]
 __dir__ = __all__.copy

@@ -1,0 +1,110 @@
+"""What a serial robot is made of: links that its joints alone carry, places for masses, and the description of it all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Set
+from dataclasses import replace
+
+import numpy as np
+
+from ccpin.arrays import Array, FrozenMapping
+from ccpin.description.checks import check
+from ccpin.description.model import Joint, Link, MechanismDescription, Motor, SolverWords, inverse
+from ccpin.errors import InvalidInputError
+from ccpin.kinematics.points import LinkPoint
+from ccpin.transmission.equivalent_masses import Additions, Ground, PointMass
+from ccpin.transmission.linkage import serial_links, stated_of
+from ccpin.transmission.transmission import Transmission
+
+_WORLD = "world"  # no link: what rests on it is the ground's
+
+
+def kept_links(transmission: Transmission) -> Set[str]:
+    """The serial robot's links.
+
+    Raises:
+        InvalidInputError: A joint is carried by another than the serial robot's.
+    """
+    tree = transmission.joint_model.mechanism.tree
+    links = serial_links(tree, transmission.joints)
+    for joint in tree.joints:
+        if joint.name in transmission.joints and joint.stated.child not in links:
+            own = ", ".join(transmission.joints)
+            raise InvalidInputError(
+                f"'{joint.name}' is carried by a joint that is none of the serial robot's ({own}): without the linkage "
+                "it hangs on nothing"
+            )
+    return links
+
+
+def places_of(transmission: Transmission, links: Set[str]) -> dict[str, Array]:
+    """The heaviest link of each moving body, with points of it for masses.
+
+    They are where rods hang, its centre of mass, and six about the joint's origin, as far off as the farthest of these.
+    """
+    mechanism = transmission.joint_model.mechanism
+    stated, tree = stated_of(mechanism), mechanism.tree
+    found = {}
+    for number in range(1, len(tree.joints) + 1):
+        body = [link for link in stated.links if link.name in links and tree.attachments[link.name].joint == number]
+        with_mass = [link for link in body if _mass(link) > 0.0]
+        if not with_mass:
+            continue
+        main = max(with_mass, key=_mass)
+        into = inverse(tree.attachments[main.name].placement)
+        ends = [end for closure in mechanism.closures for end in closure.ends if end[0] in {link.name for link in body}]
+        hung = [(into @ tree.attachments[link].placement @ placement)[:3, 3] for link, placement in ends]
+        assert main.inertia is not None
+        hung.append(main.inertia.com)
+        far = max(float(np.linalg.norm(place - into[:3, 3])) for place in hung) or stated.size
+        around = [into[:3, 3] + sign * far * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
+        found[main.name] = np.array([*hung, *around])
+    return found
+
+
+def ground_of(transmission: Transmission, links: Set[str]) -> Ground:
+    """The linkage's mass, and the link that carries the first joint, on which it may rest where its bodies are."""
+    mechanism = transmission.joint_model.mechanism
+    stated, tree = stated_of(mechanism), mechanism.tree
+    base = next(j.stated.parent for j in tree.joints if j.parent == 0 and j.name in transmission.joints)
+    into, q_free = inverse(tree.attachments[base].placement), mechanism.q_reference
+    points = []
+    for link in stated.links:
+        if link.name not in links and link.inertia is not None and link.inertia.mass > 0.0:
+            place = (into @ LinkPoint(tree, link.name, link.inertia.com).pose(q_free))[:3, 3]
+            points.append(PointMass(base, place, link.inertia.mass))
+    total = sum(point.mass for point in points)
+    com = sum((point.mass * point.place for point in points), np.zeros(3)) / (total or 1.0)
+    return Ground(total, com, () if base == _WORLD else tuple(points))
+
+
+def described(
+    transmission: Transmission, links: Set[str], joints: Mapping[str, Joint], added: Additions
+) -> MechanismDescription:
+    """The serial robot: its links with what is added, its joints as they are to be, a motor on each."""
+    stated = stated_of(transmission.joint_model.mechanism)
+    q = transmission.reference.q_joint.tolist()
+    motors = tuple(
+        Motor(name, name, 1.0, -joint.effort, joint.effort) if np.isfinite(joint.effort) else Motor(name, name)
+        for name, joint in joints.items()
+    )
+    words = {name: each for name, each in stated.solver.joints.items() if name in joints}
+    return check(
+        MechanismDescription(
+            name=f"{stated.name}_serial",
+            root=stated.root,
+            links=tuple(added.on(link) for link in stated.links if link.name in links),
+            joints=tuple(joints.get(joint.name, joint) for joint in stated.joints if joint.child in links),
+            independent=transmission.joints,
+            actuated=transmission.joints,
+            motors=motors,
+            reference={name: (place,) for name, place in zip(transmission.joints, q, strict=True)},
+            gravity=tuple(transmission.joint_model.gravity_vector.tolist()),
+            source=stated.source,
+            solver=SolverWords(stated.solver.options, stated.solver.flags, FrozenMapping(), words),
+        )
+    )
+
+
+def _mass(link: Link) -> float:
+    return 0.0 if link.inertia is None else link.inertia.mass
