@@ -26,7 +26,8 @@ from ccpin.kinematics.points import LinkPoint
 from ccpin.transmission.posture import Posture
 
 _EXACT, _ALMOST = 1e4, 1e2  # weights of D and of g at a posture that is to be met, beside 1 of the range
-_PLAIN = 1e-4  # what a number that is no armature costs: of two that do the same, the armature is taken
+_PLAIN = 0.1  # what a number that is no armature costs beside errors of its own size: armatures stand for rotors
+_NOTHING = 1e-9  # of the whole: what is less is rounding
 _BRISK = 10.0  # rad/s² (m/s²): an error of D counts as the effort that such an acceleration takes
 _DIRECTIONS = np.array([
     [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, -1, 0], [1, 0, 1], [1, 0, -1], [0, 1, 1], [0, 1, -1],
@@ -116,14 +117,14 @@ def equivalent(
     weights = np.array([posture.state.g - state.g for posture, state in zip(every, states, strict=True)])
     columns = list(_columns(own, every, places, inertias[-1]))
     unit = np.sqrt(np.mean([posture.state.D.diagonal() for posture in every], axis=0))
-    entries = np.triu_indices(own.n)
+    first, second = entries = np.triu_indices(own.n)
     count = np.full(len(every), len(postures) ** -0.5)
     stress, care = count.copy(), count.copy()
     if at is not None:
         stress[-1], care[-1] = _EXACT, _ALMOST
 
     def rows(inertia: Array, weight: Array) -> Array:
-        scaled = inertia[:, *entries] / np.outer(unit, unit)[entries] * stress[:, None]
+        scaled = inertia[:, first, second] / np.outer(unit, unit)[entries] * stress[:, None]
         return np.concatenate([scaled.ravel(), (weight / (unit * _BRISK * unit.max()) * care[:, None]).ravel()])
 
     system = np.stack([rows(column.inertias, column.weights) for column in columns], axis=1)
@@ -135,7 +136,7 @@ def equivalent(
     matrix = np.concatenate([np.hstack([np.concatenate([system / sizes, plain]), still]), balance])
     wanted = np.concatenate([rows(inertias, weights), np.zeros(len(columns)), goal])
     found = nnls(matrix, wanted, maxiter=200 * matrix.shape[1])[0]
-    x = found[: len(columns)] / sizes
+    x = np.where(found[: len(columns)] > _NOTHING, found[: len(columns)], 0.0) / sizes
     if at is not None:
         x = _met(x, np.stack([column.inertias[-1][entries] for column in columns], axis=1), inertias[-1][entries])
     return _additions([column.what for column in columns], x, own.n, ground, found[len(columns) :])
@@ -195,7 +196,9 @@ def _columns(
         twists = np.array([point.jacobian(posture.state.q_free) @ posture.state.rho for posture in every])
         moved, turned = twists[:, :3], turns.transpose(0, 2, 1) @ twists[:, 3:]  # the second in the link's frame
         for place in points:
-            rates = moved - np.array([skew(turn @ place) @ twist[3:] for turn, twist in zip(turns, twists, strict=True)])
+            rates = moved - np.array(
+                [skew(turn @ place) @ twist[3:] for turn, twist in zip(turns, twists, strict=True)]
+            )
             inertia = rates.transpose(0, 2, 1) @ rates
             yield _Column(PointMass(link, place, 1.0), inertia, -own.gravity_vector @ rates)
         back = np.linalg.pinv(turned[-1])

@@ -55,4 +55,6 @@ def stated_otherwise(
     """The model with other masses and other numbers of joints, in the same coordinates: closures stay as they are."""
     mechanism, stated = model.mechanism, stated_of(model.mechanism)
     own = replace(stated, links=tuple(map(links, stated.links)), joints=tuple(map(joints, stated.joints)))
-    return ReducedModel(replace(mechanism, tree=build_tree(own, ROOT_JOINT in mechanism.tree.names)), model.gravity_vector)
+    return ReducedModel(
+        replace(mechanism, tree=build_tree(own, ROOT_JOINT in mechanism.tree.names)), model.gravity_vector
+    )

@@ -1,9 +1,8 @@
-"""What a serial robot is made of: links that its joints alone carry, places for masses, and the description of it all."""
+"""What a serial robot is made of: links that its joints alone carry, places for masses, and the description."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Set
-from dataclasses import replace
 
 import numpy as np
 

@@ -83,7 +83,7 @@ def _in_order(found: Survey, count: int) -> Reached:
 
 
 class EffortLimits(NamedTuple):
-    """Half-widths of a box, of shape (n,), ∞ where none is stated of the motors; and its certificate, if there is one."""
+    """Half-widths of a box, of shape (n,), ∞ where none is stated of the motors; and its certificate, if any."""
 
     box: Array
     held: EffortBoxCertificate | None

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +29,7 @@ from ccpin.transmission.serial_range import effort_limits, reached, speed_limits
 from ccpin.transmission.transmission import Transmission
 
 WRITTEN_AS = ("urdf", "sdf", "mjcf")
+_NO_LIMIT = 1e9  # N m, rad/s
 _COUNTS = {1: 33, 2: 13, 3: 7}  # postures along each joint
 
 
@@ -60,6 +62,11 @@ class SerialRobot:
     def __repr__(self) -> str:
         return "\n".join(self.told())
 
+    @property
+    def proved(self) -> bool:
+        """Whether motors are proved to hold `effort` all over the range."""
+        return self.held is not None and self.held.verdict == "proven"
+
     @cached_property
     def motor_map(self) -> Program:
         """q_j and a closed configuration near by → the numbers that depend (the motors' among them), and ρ.
@@ -74,7 +81,7 @@ class SerialRobot:
         name = self.transmission.joint_model.mechanism.name
         yield f"{name} as a serial robot of {', '.join(joints)}; driven through {', '.join(self.transmission.motors)}"
         met = "fitted over the range" if self.at is None else f"D is the mechanism's at {_row(self.at.q_joint)}"
-        yield f"range {_row(self.lower)} … {_row(self.upper)}; {met}; largest differences over it (sampled, with margin):"
+        yield f"range {_row(self.lower)} … {_row(self.upper)}; {met}; largest differences over it, sampled:"
         parts = [f"D {100 * errors.share:.3g} %"]
         for what, each, unit in (
             ("C q̇", errors.velocity, "per (rad/s)²"),
@@ -84,13 +91,31 @@ class SerialRobot:
             if each.any():
                 parts.append(f"{what} ±{_row(each.max(axis=-1))} {unit}".rstrip())
         yield "  " + "; ".join(parts)
-        proved = self.held is not None and self.held.verdict == "proven"
-        yield f"  efforts ±{_row(self.effort)} ({'proved' if proved else 'sampled, with margin'})"
-        yield f"  speeds ±{_row(self.speed)} (sampled, with margin)"
+        for what, limits, how in (
+            ("efforts", self.effort, "proved" if self.proved else "sampled, with margin"),
+            ("speeds", self.speed, "sampled, with margin"),
+        ):
+            yield f"  {what} ±{_row(limits)} ({how})" if np.isfinite(limits).all() else f"  {what}: none stated"
         yield f"  armatures added {_row(self.added.armatures)}"
         for link in dict.fromkeys(point.link for point in self.added.masses):
             points = [point for point in self.added.masses if point.link == link]
             yield f"  mass added to {link} {sum(point.mass for point in points):.4g} kg at {len(points)} points"
+
+    def as_json(self) -> dict[str, Any]:
+        """Range, limits, armatures and errors as numbers and lists; ``None`` stands for ∞."""
+        limits = {
+            name: [x if np.isfinite(x) else None for x in each.tolist()]
+            for name, each in (("effort", self.effort), ("speed", self.speed))
+        }
+        return {
+            "joints": list(self.transmission.joints),
+            "range": [self.lower.tolist(), self.upper.tolist()],
+            "at": None if self.at is None else self.at.q_joint.tolist(),
+            **limits,
+            "effort_proved": self.proved,
+            "armature_added": self.added.armatures.tolist(),
+            "errors": {name: np.asarray(each).tolist() for name, each in self.errors._asdict().items()},
+        }
 
     def save(self, path: str | Path, format: str | None = None, *, meshes: str = "kept") -> tuple[str, ...]:
         """Write it as URDF, SDF or MJCF, with what `told` says as a comment; returns what was not written.
@@ -107,7 +132,10 @@ class SerialRobot:
         wanted = format_of(path) if format is None and isinstance(path, str | Path) else format
         if wanted not in WRITTEN_AS:
             raise InvalidInputError(f"a serial robot is written as one of {', '.join(WRITTEN_AS)}, not {wanted!r:.80}")
-        notes = write_description(self.description, path, wanted, meshes=meshes)
+        described, notes = self.description, tuple[str, ...]()
+        if wanted == "urdf":
+            described, notes = _bounded(described)
+        notes += write_description(described, path, wanted, meshes=meshes)
         text = Path(path).read_text(encoding="utf-8")
         first, _, rest = text.partition("\n")
         lines = "\n     ".join(line.replace("--", "- -") for line in self.told())
@@ -176,7 +204,7 @@ def serial_robot(
             joint,
             kind="revolute" if joint.kind == "continuous" else joint.kind,
             lower=found.lower[k].item(), upper=found.upper[k].item(),
-            effort=min(joint.effort, efforts[k].item()), velocity=min(joint.velocity, speeds[k].item()),
+            effort=_least(joint.effort, efforts[k]), velocity=_least(joint.velocity, speeds[k]),
             armature=joint.armature + added.armatures[k].item(),
             damping=damping[k].item(), friction=level[k].item(),
         )  # fmt: skip
@@ -197,6 +225,31 @@ def _with_parts(
         lambda link: added.on(link) if link.name in links else replace(link, inertia=None),
         lambda joint: replace(joints[joint.name], kind=joint.kind) if joint.name in joints else massless(joint),
     )
+
+
+def _bounded(description: MechanismDescription) -> tuple[MechanismDescription, tuple[str, ...]]:
+    """With a number for each limit, and a sentence where one was none: URDF's parsers refuse a joint without."""
+
+    def number(limit: float) -> float:
+        return limit if np.isfinite(limit) else _NO_LIMIT
+
+    own = tuple(
+        j
+        if j.name not in (description.independent or ())
+        else replace(j, effort=number(j.effort), velocity=number(j.velocity))
+        for j in description.joints
+    )
+    if all(
+        a is b or (a.effort, a.velocity) == (b.effort, b.velocity) for a, b in zip(own, description.joints, strict=True)
+    ):
+        return description, ()
+    told = f"URDF's parsers want limits of effort and velocity: {_NO_LIMIT:g} stands where none is stated of the motors"
+    return replace(description, joints=own), (told,)
+
+
+def _least(stated: float, found: Array) -> float:
+    """The lesser limit; a joint without a motor often states 0, which is none."""
+    return min(stated or np.inf, found.item())
 
 
 def _row(values: Array) -> str:

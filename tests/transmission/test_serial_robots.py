@@ -1,0 +1,217 @@
+"""Serial robots in the place of linkages: as Pinocchio and MuJoCo read them, beside the closed chain."""
+
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ccpin
+from ccpin.errors import InvalidInputError
+from ccpin.programs import Program
+from ccpin.transmission import Transmission, serial_robot
+from tests.support.linkage_models import FORMS, MOTORS, ROTORS, transmission_of
+
+RANGES = {"ankle": ([-0.2, -0.15], [0.2, 0.15]), "knee": ([-0.6], [0.6]), "neck": ([-0.4, -0.3], [0.4, 0.3])}
+AT = {"ankle": [0.1, 0.05], "knee": [0.3], "neck": [0.1, -0.2]}
+each = pytest.mark.parametrize("name", RANGES)
+either = pytest.mark.parametrize("met", [False, True])
+
+
+@cache
+def robot_of(name, met):
+    return serial_robot(transmission_of(name), RANGES[name], at=AT[name] if met else None)
+
+
+@cache
+def read(name, met, folder):
+    """Pinocchio's own reading of the URDF; rotor inertias, which it does not read, as the description has them."""
+    robot, path = robot_of(name, met), folder / f"{name}_{met}.urdf"
+    robot.save(path)
+    model = pin.buildModelFromUrdf(str(path))
+    stated = {joint.name: joint for joint in robot.description.joints}
+    model.armature[:] = [stated[joint].armature for joint in list(model.names)[1:]]
+    assert tuple(model.names)[1:] == robot.transmission.joints
+    return model
+
+
+def mass(model, q):
+    upper = np.triu(pin.crba(model, model.createData(), q))
+    return upper + np.triu(upper, 1).T
+
+
+def postures(name, count):
+    rng = np.random.default_rng(5)
+    lower, upper = np.array(RANGES[name])
+    return [transmission_of(name).at(q) for q in rng.uniform(lower, upper, (count, len(lower)))]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("serial")
+
+
+@each
+def test_mass_matrix_is_met_at_the_posture(name, folder):
+    """D of the written file, loaded by Pinocchio, is the reduced model's."""
+    state = transmission_of(name).at(AT[name]).state
+    np.testing.assert_allclose(mass(read(name, True, folder), np.array(AT[name])), state.D, rtol=0, atol=1e-9)
+
+
+@each
+@either
+@pytest.mark.parametrize("count", [60, pytest.param(3000, marks=pytest.mark.slow)])
+def test_stated_errors_are_not_exceeded(name, met, count, folder):
+    """D, g and C q̇ of the written file against the closed chain's, and they are not stated ten times too large."""
+    model, errors = read(name, met, folder), robot_of(name, met).errors
+    data, rng, share = model.createData(), np.random.default_rng(6), 0.0
+    for posture in postures(name, count):
+        whole, q = posture.state, posture.q_joint
+        off = mass(model, q) - whole.D
+        assert (np.abs(off) <= errors.mass + 1e-9).all()
+        root = np.linalg.inv(np.linalg.cholesky(whole.D))
+        share = max(share, np.linalg.norm(root @ off @ root.T, 2))
+        gravity = pin.computeGeneralizedGravity(model, data, q)
+        assert (np.abs(gravity - whole.g) <= errors.gravity + 1e-9).all()
+        v = rng.normal(size=len(q))
+        v /= np.linalg.norm(v)
+        own = pin.nonLinearEffects(model, data, q, v) - gravity
+        assert (np.abs(own - whole.C(v) @ v) <= errors.velocity + 1e-9).all()
+    assert share <= errors.share + 1e-9
+    assert share > 0.1 * errors.share - 1e-9
+
+
+@each
+def test_a_fit_is_nearer_than_bare_links_and_the_usual_armature(name, folder):
+    """Over the range, D of the fit beside that of the links with 2 I on every joint."""
+    model, robot = read(name, False, folder), robot_of(name, False)
+    bare = {link.name: link for link in transmission_of(name).joint_model.mechanism.description.links}
+    off = usual = 0.0
+    plain = model.copy()
+    for link in robot.description.links:
+        if any(joint.child == link.name for joint in robot.description.joints if joint.kind == "revolute"):
+            number = model.frames[model.getBodyId(link.name)].parentJoint
+            own = bare[link.name].inertia
+            plain.inertias[number] = (
+                pin.Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+                if own is None
+                else pin.Inertia(own.mass, own.com, own.rotational)
+            )
+    plain.armature[:] = 2.0 * ROTORS[name]
+    for posture in postures(name, 40):
+        D = posture.state.D
+        off += np.linalg.norm(mass(model, posture.q_joint) - D)
+        usual += np.linalg.norm(mass(plain, posture.q_joint) - D)
+    assert off < usual
+
+
+@each
+def test_links_are_bodies_and_mass_is_kept(name):
+    """Second moments of mass are positive; the whole mass is the mechanism's where no world takes it."""
+    robot = robot_of(name, False)
+    for link in robot.description.links:
+        if link.inertia is not None:
+            second = 0.5 * np.trace(link.inertia.rotational) * np.eye(3) - link.inertia.rotational
+            assert np.linalg.eigvalsh(second).min() > -1e-12
+    before = transmission_of(name).joint_model.mechanism.description.links
+    masses = [sum(link.inertia.mass for link in links if link.inertia) for links in (before, robot.description.links)]
+    assert masses[1] == pytest.approx(masses[0], rel=1e-9)
+
+
+@each
+def test_limits_are_inside_the_polytopes(name):
+    """Corners of the boxes at random postures, by the closed form's Jacobian."""
+    robot = robot_of(name, False)
+    stated = {joint.name: joint for joint in transmission_of(name).joint_model.mechanism.description.joints}
+    room = np.array([stated[motor].effort for motor in MOTORS[name]])
+    fastest = np.array([stated[motor].velocity for motor in MOTORS[name]])
+    assert np.isfinite(room).all()
+    tightest = 0.0
+    for posture in postures(name, 300):
+        J = FORMS[name].jacobian(posture.q_joint)
+        asked = np.abs(np.linalg.inv(J).T) @ robot.effort
+        assert (asked <= room * (1 + 1e-9)).all()
+        tightest = max(tightest, (asked / room).max())
+        if np.isfinite(robot.speed).all():
+            assert (np.abs(J) @ robot.speed <= fastest * (1 + 1e-9)).all()
+    assert tightest > 0.9
+
+
+def test_mujoco_reads_it_and_moves_alike(folder):
+    """MuJoCo's own mass matrix of the written MJCF is Pinocchio's of the URDF, armature included."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    for name in RANGES:
+        path = folder / f"{name}.xml"
+        robot_of(name, True).save(path)
+        model = mujoco.MjModel.from_xml_path(str(path))
+        data = mujoco.MjData(model)
+        data.qpos[:] = AT[name]
+        mujoco.mj_forward(model, data)
+        found = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, found, data.qM)
+        np.testing.assert_allclose(found, transmission_of(name).at(AT[name]).state.D, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(model.jnt_range.T, RANGES[name], rtol=0, atol=1e-9)
+
+
+def test_apparent_inertia_is_mujocos_mass_matrix_projected(tmp_path):
+    """mj_fullM of the open tree with the rotors, less that without, projected by ρ of the closed form: Jᵀ I J."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    found = Transmission(ccpin.load("four_bar", joints={"joint1": {"armature": 0.02}}), motors=["joint1"])
+    plain = Transmission(ccpin.load("four_bar"), motors=["joint1"])
+    posture = found.reference
+    matrices = []
+    for transmission in (found, plain):
+        path = tmp_path / "tree.xml"
+        transmission.joint_model.mechanism.save(path)
+        model = mujoco.MjModel.from_xml_path(str(path))
+        data = mujoco.MjData(model)
+        names = transmission.joint_model.mechanism.tree.names
+        rows = [model.joint(name).dofadr[0] for name in names]
+        state = transmission.reference.state
+        for joint in transmission.joint_model.mechanism.tree.joints:
+            value = state.q_free[joint.q]
+            data.qpos[model.joint(joint.name).qposadr[0]] = value[0] if len(value) == 1 else np.arctan2(*value[::-1])
+        mujoco.mj_forward(model, data)
+        full = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, full, data.qM)
+        full = full[np.ix_(rows, rows)]
+        matrices.append(state.rho.T @ full @ state.rho)
+        np.testing.assert_allclose(matrices[-1], state.D, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(matrices[0] - matrices[1], posture.rotor_inertia, rtol=0, atol=1e-9)
+
+
+def test_the_map_leads_back_to_the_motors(tmp_path):
+    """The saved program gives the closed form's motor angles and Jacobian."""
+    robot = robot_of("ankle", False)
+    robot.motor_map.save(tmp_path / "map.json")
+    program = Program.load(tmp_path / "map.json")
+    ports = {port.name: port for port in program.inputs}
+    motors = [ports["y"].entries.index(name) for name in MOTORS["ankle"]]
+    near = program.example[2:]
+    for q in ([0.05, 0.02], [-0.1, 0.05]):
+        answer = program(q=q, y=near)
+        assert answer.status == 0
+        np.testing.assert_allclose(answer["sigma"][motors], FORMS["ankle"].motors(np.array(q)), rtol=0, atol=1e-8)
+        rows = answer["rho"][robot.transmission.motor_side.rows]
+        np.testing.assert_allclose(rows, FORMS["ankle"].jacobian(np.array(q)), rtol=0, atol=1e-8)
+
+
+@each
+def test_it_says_what_it_is(name, folder):
+    """The file's comment is what the robot tells."""
+    path = folder / f"said_{name}.urdf"
+    robot_of(name, False).save(path)
+    text = path.read_text(encoding="utf-8")
+    assert all(line.strip() in text for line in robot_of(name, False).told())
+    assert f"D {100 * robot_of(name, False).errors.share:.3g} %" in text
+
+
+def test_what_is_no_serial_robot():
+    """Joints that motors carry, ranges that are not reached, formats without words for it."""
+    mechanism = ccpin.load("rpdr")
+    with pytest.raises(InvalidInputError, match="hangs on nothing"):
+        serial_robot(Transmission(mechanism, joints=["joint3", "joint4"]))
+    with pytest.raises(InvalidInputError, match="region"):
+        serial_robot(transmission_of("ankle"), ([-0.9, -0.5], [0.9, 0.5]))
+    with pytest.raises(InvalidInputError, match="one of urdf, sdf, mjcf"):
+        robot_of("knee", False).save("x.yaml")
