@@ -376,6 +376,8 @@ def _transmission(b):
     swing = transmission.Swing(found, [0.1, 0.1], 1.0, q)
     along = {"transmission": found, "motion": swing, "near": None, "samples": 3}
     made = transmission.compare(**along)
+    rocker = transmission.Transmission(ccpin.load("four_bar"))
+    at = rocker.reference.q_joint
     pair = {"v_joint": b.rest, "a_joint": b.rest}
     limits = {"effort": 1.0, "speed": 1.0}
     return {
@@ -424,6 +426,10 @@ def _transmission(b):
             transmission.certify_effort_box,
             {"transmission": found, "region": (q - 0.01, q + 0.01), "box": None, "shape": None, "effort": 1.0}
             | {"max_cells": 1},
+        ),
+        "serial_robot": (
+            transmission.serial_robot,
+            {"transmission": rocker, "region": (at - 0.01, at + 0.01), "at": at, "count": 3, "max_cells": 1} | limits,
         ),
         "plot_limits": (transmission.plot_limits, {"transmission": found, "title": None} | limits),
         "plot_shortcuts": (transmission.plot_shortcuts, {"comparisons": [made], "title": None}),
