@@ -10,7 +10,7 @@ import ccpin
 from ccpin.errors import InvalidInputError
 from ccpin.programs import Program
 from ccpin.transmission import Transmission, serial_robot
-from tests.support.linkage_models import FORMS, MOTORS, ROTORS, transmission_of
+from tests.support.linkage_models import FORMS, MOTORS, ROTORS, loaded, transmission_of
 
 RANGES = {"ankle": ([-0.2, -0.15], [0.2, 0.15]), "knee": ([-0.6], [0.6]), "neck": ([-0.4, -0.3], [0.4, 0.3])}
 AT = {"ankle": [0.1, 0.05], "knee": [0.3], "neck": [0.1, -0.2]}
@@ -154,10 +154,9 @@ def test_mujoco_reads_it_and_moves_alike(folder):
 
 
 def test_apparent_inertia_is_mujocos_mass_matrix_projected(tmp_path):
-    """mj_fullM of the open tree with the rotors, less that without, projected by ρ of the closed form: Jᵀ I J."""
+    """mj_fullM of the open tree with the rotors, less that without, projected by ρ: Jᵀ I J."""
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-    found = Transmission(ccpin.load("four_bar", joints={"joint1": {"armature": 0.02}}), motors=["joint1"])
-    plain = Transmission(ccpin.load("four_bar"), motors=["joint1"])
+    found, plain = transmission_of("knee"), Transmission(loaded("knee", joints={}))
     posture = found.reference
     matrices = []
     for transmission in (found, plain):

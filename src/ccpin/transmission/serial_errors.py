@@ -79,4 +79,4 @@ def _largest(own: State, whole: State) -> Array:
     for j in range(n):
         for k in range(n):
             table[:, j, k] = single[j] if j == k else 0.5 * (form(unit[j] + unit[k]) - single[j] - single[k])
-    return np.abs(np.linalg.eigvalsh(table)).max(axis=1)
+    return np.asarray(np.abs(np.linalg.eigvalsh(table)).max(axis=1))

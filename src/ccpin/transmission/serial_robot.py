@@ -177,6 +177,7 @@ def serial_robot(
     """
     model, n = instance(transmission, "transmission", Transmission).joint_model, transmission.n
     links = kept_links(transmission)
+    cells = whole(max_cells, "max_cells")
     points = _COUNTS.get(n, 3) if count is None else whole(count, "count", 3)
     found = reached(transmission, region, points)
     home = None if at is None else transmission.at(vector(at, "at", n))
@@ -192,7 +193,7 @@ def serial_robot(
         places_of(transmission, links),
         ground_of(transmission, links),
     )
-    efforts, held = effort_limits(transmission, found, points, effort, max_cells)
+    efforts, held = effort_limits(transmission, found, points, effort, cells)
     speeds = speed_limits(transmission, found, points, speed)
     felt = found.grid if home is None else (home,)
     damping = np.mean([np.diag(posture.state.damping) for posture in felt], axis=0)
