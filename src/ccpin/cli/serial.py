@@ -58,7 +58,8 @@ def convert_serial(options: argparse.Namespace) -> int:
     if options.within is not None:
         if len(options.within) != 2 * transmission.n:
             raise InvalidInputError(f"--within takes {2 * transmission.n} numbers, of {', '.join(transmission.joints)}")
-        region = tuple(np.array(options.within).reshape(2, -1))
+        lower, upper = np.array(options.within).reshape(2, -1)
+        region = lower, upper
     with busy(options.json, "putting the linkage where it belongs"):
         robot = serial_robot(
             transmission, region, at=options.at, effort=each_of(options.effort), speed=each_of(options.speed)

@@ -89,7 +89,7 @@ class SerialRobot:
             ("damping", errors.damping, ""),
         ):
             if each.any():
-                parts.append(f"{what} ±{_row(each.max(axis=-1))} {unit}".rstrip())
+                parts.append(f"{what} ±{_row(each if each.ndim == 1 else each.max(axis=1))} {unit}".rstrip())
         yield "  " + "; ".join(parts)
         for what, limits, how in (
             ("efforts", self.effort, "proved" if self.proved else "sampled, with margin"),
