@@ -2,7 +2,7 @@
 
 from ccpin.transmission.effort_box import certify_effort_box
 from ccpin.transmission.pictures import plot_limits, plot_shortcuts
-from ccpin.transmission.serial_robot import serial_robot
+from ccpin.transmission.serial_robots import serial_robot
 from ccpin.transmission.shortcuts import compare, motor_loads
 from ccpin.transmission.surveys import survey
 from ccpin.transmission.swing import Swing

@@ -13,7 +13,7 @@ from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.transmission.effort_box import EffortBoxCertificate, certify_effort_box
 from ccpin.transmission.motor_bounds import stated_efforts, stated_speeds
 from ccpin.transmission.posture import Posture
-from ccpin.transmission.serial_errors import most
+from ccpin.transmission.serial_misfits import most
 from ccpin.transmission.surveys import Survey, survey
 from ccpin.transmission.transmission import Transmission
 

@@ -23,7 +23,7 @@ from ccpin.transmission.effort_box import EffortBoxCertificate
 from ccpin.transmission.equivalent_masses import Additions, equivalent
 from ccpin.transmission.linkage import massless, stated_of, stated_otherwise
 from ccpin.transmission.posture import Posture
-from ccpin.transmission.serial_errors import SerialErrors, serial_errors
+from ccpin.transmission.serial_misfits import SerialErrors, serial_errors
 from ccpin.transmission.serial_parts import described, ground_of, kept_links, places_of
 from ccpin.transmission.serial_range import effort_limits, reached, speed_limits
 from ccpin.transmission.transmission import Transmission
