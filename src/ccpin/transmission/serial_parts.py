@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Set
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,9 +14,12 @@ from ccpin.errors import InvalidInputError
 from ccpin.kinematics.points import LinkPoint
 from ccpin.transmission.equivalent_masses import Additions, Ground, PointMass
 from ccpin.transmission.linkage import serial_links, stated_of
+from ccpin.transmission.posture import Posture
+from ccpin.transmission.serial_range import Reached
 from ccpin.transmission.transmission import Transmission
 
 _WORLD = "world"  # no link: what rests on it is the ground's
+_NO_LIMIT = 1e9  # N m, rad/s
 
 
 def kept_links(transmission: Transmission) -> Set[str]:
@@ -77,6 +81,41 @@ def ground_of(transmission: Transmission, links: Set[str]) -> Ground:
     return Ground(total, com, () if base == _WORLD else tuple(points))
 
 
+def bare_joints(transmission: Transmission) -> dict[str, Joint]:
+    """The serial robot's joints by name, in its order, rotors left to what is added: a motor may drive one of them."""
+    stated = {joint.name: joint for joint in stated_of(transmission.joint_model.mechanism).joints}
+    return {
+        name: replace(stated[name], armature=0.0) if name in transmission.motors else stated[name]
+        for name in transmission.joints
+    }
+
+
+def with_additions(
+    transmission: Transmission, bare: Mapping[str, Joint], added: Additions, found: Reached, at: Posture | None
+) -> dict[str, Joint]:
+    """The joints with range and armatures, and the mean of dampers and dry friction as felt over it, or at a posture.
+
+    Dry friction is felt as if all joints of the linkage slid: |ρ|ᵀ f′.
+    """
+    felt = found.grid if at is None else (at,)
+    levels = transmission.joint_model.mechanism.joints.friction
+    damping = np.mean([np.diag(posture.state.damping) for posture in felt], axis=0).tolist()
+    friction = np.mean([np.abs(posture.state.rho).T @ levels for posture in felt], axis=0).tolist()
+    lower, upper, armatures = found.lower.tolist(), found.upper.tolist(), added.armatures.tolist()
+    return {
+        name: replace(
+            joint,
+            kind="revolute" if joint.kind == "continuous" else joint.kind,
+            lower=lower[k],
+            upper=upper[k],
+            armature=joint.armature + armatures[k],
+            damping=damping[k],
+            friction=friction[k],
+        )
+        for k, (name, joint) in enumerate(bare.items())
+    }
+
+
 def described(
     transmission: Transmission, links: Set[str], joints: Mapping[str, Joint], added: Additions
 ) -> MechanismDescription:
@@ -107,3 +146,22 @@ def described(
 
 def _mass(link: Link) -> float:
     return 0.0 if link.inertia is None else link.inertia.mass
+
+
+def with_all_limits(description: MechanismDescription) -> tuple[MechanismDescription, tuple[str, ...]]:
+    """With a number for each limit of the serial joints, and a sentence where one was none.
+
+    URDF's parsers refuse a joint without.
+    """
+    own = set(description.independent or ())
+    joints = tuple(
+        replace(joint, effort=min(joint.effort, _NO_LIMIT), velocity=min(joint.velocity, _NO_LIMIT))
+        if joint.name in own
+        else joint
+        for joint in description.joints
+    )
+    open_ended = [j.name for j in description.joints if j.name in own and np.isinf([j.effort, j.velocity]).any()]
+    told = (
+        f"{', '.join(open_ended)}: {_NO_LIMIT:g} stands where no limit is stated of the motors: URDF's parsers want one"
+    )
+    return replace(description, joints=joints), (told,) * bool(open_ended)

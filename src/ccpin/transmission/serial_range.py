@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, vector, whole
-from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.errors import InvalidInputError
 from ccpin.transmission.effort_box import EffortBoxCertificate, certify_effort_box
 from ccpin.transmission.motor_bounds import stated_efforts, stated_speeds
 from ccpin.transmission.posture import Posture
@@ -19,6 +19,7 @@ from ccpin.transmission.transmission import Transmission
 
 _SMALLER = 0.95  # of a range of which something is not reached
 _LEAST = 0.05  # of the stated one
+_BELOW = 1.0 - 1e-12  # room for rounding
 _CLOSE = 1e-9  # rad or m beyond a limit
 
 
@@ -90,12 +91,13 @@ class EffortLimits(NamedTuple):
 
 
 def effort_limits(
-    transmission: Transmission, found: Reached, count: int, effort: ArrayLike | None, max_cells: int
+    transmission: Transmission, found: Reached, count: int, effort: ArrayLike | None, cells: int
 ) -> EffortLimits:
     """Efforts of joints that the motors give at every posture: proved, or else of samples with what may lie between.
 
     Raises:
         InvalidInputError: A motor that gives one way only, or an effort that is none.
+        CcpinError: What proves is not installed.
     """
     try:
         least, greatest = stated_efforts(transmission.joint_model, transmission.motors, effort)
@@ -106,10 +108,7 @@ def effort_limits(
     room = np.minimum(greatest, -least)
     if not (room > 0.0).all():
         raise InvalidInputError(f"every motor must give both ways: {least} … {greatest}")
-    try:
-        held = certify_effort_box(transmission, (found.lower, found.upper), effort=room, max_cells=max_cells)
-    except CcpinError:  # what proves is not installed, or the middle is not reached
-        held = None
+    held = certify_effort_box(transmission, (found.lower, found.upper), effort=room, max_cells=cells) if cells else None
     if held is not None and held.verdict == "proven":
         return EffortLimits(held.box, held)
     asked = most(np.array([posture.inverse.T for posture in found.grid]), count, transmission.n)
@@ -117,8 +116,8 @@ def effort_limits(
     return EffortLimits(shape * float((room / (asked @ shape)).min()), held)
 
 
-def speed_limits(transmission: Transmission, found: Reached, count: int, speed: ArrayLike | None) -> Array:
-    """Speeds of joints at which no motor is too fast, of samples with what may lie between; ∞ where none is stated.
+def speed_limits(transmission: Transmission, found: Reached, rates: Array, speed: ArrayLike | None) -> Array:
+    """Speeds of joints at which no motor is too fast, if |J| ≤ `rates` all over the range; ∞ where none is stated.
 
     Raises:
         InvalidInputError: A speed that is none.
@@ -130,9 +129,8 @@ def speed_limits(transmission: Transmission, found: Reached, count: int, speed: 
         if speed is not None:
             raise
         return np.full(transmission.n, np.inf)
-    asked = most(np.array([posture.jacobian for posture in found.grid]), count, transmission.n)
     shape = _middle(found).speed_polytope(speed=room).largest_box()
-    return np.asarray(shape * float((room / (asked @ shape)).min()))
+    return np.asarray(shape * float((room / (rates @ shape)).min()) * _BELOW)
 
 
 def _middle(found: Reached) -> Posture:

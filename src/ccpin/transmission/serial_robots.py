@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,23 +13,31 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, vector, whole
 from ccpin.description.formats import format_of, write_description
-from ccpin.description.model import Joint, MechanismDescription
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.description.model import MechanismDescription
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.programs.program import Program
-from ccpin.programs.recordings import record
 from ccpin.transmission.effort_box import EffortBoxCertificate
 from ccpin.transmission.equivalent_masses import Additions, equivalent
-from ccpin.transmission.linkage import massless, stated_of, stated_otherwise
 from ccpin.transmission.posture import Posture
-from ccpin.transmission.serial_misfits import SerialErrors, serial_errors
-from ccpin.transmission.serial_parts import described, ground_of, kept_links, places_of
+from ccpin.transmission.serial_misfits import SerialErrors, most, serial_errors
+from ccpin.transmission.serial_models import added_alone, serial_alone
+from ccpin.transmission.serial_parts import (
+    bare_joints,
+    described,
+    ground_of,
+    kept_links,
+    places_of,
+    with_additions,
+    with_all_limits,
+)
+from ccpin.transmission.serial_proof import compare_over, errors_of, largest
 from ccpin.transmission.serial_range import effort_limits, reached, speed_limits
+from ccpin.transmission.side_programs import side_program
 from ccpin.transmission.transmission import Transmission
+from ccpin.validated.programs.program_certificate import ProgramCertificate
 
 WRITTEN_AS = ("urdf", "sdf", "mjcf")
-_NO_LIMIT = 1e9  # N m, rad/s
 _COUNTS = {1: 33, 2: 13, 3: 7}  # postures along each joint
 
 
@@ -45,7 +53,8 @@ class SerialRobot:
         at: Where D is the mechanism's; ``None``: it was fitted over the range.
         errors: The largest differences over the range.
         effort, speed: Its limits, N m or N and rad/s or m/s, of shape (n,); ∞ where none is stated of the motors.
-        held: The certificate of `effort` where there is one; ``None`` or undecided: the limits are of samples.
+        held: The certificate that motors hold `effort`; ``None``, or undecided: it is of samples, with a margin.
+        compared: The certificate of `errors` and `speed`; ``None``, or undecided: they are of samples, with a margin.
     """
 
     transmission: Transmission
@@ -58,48 +67,57 @@ class SerialRobot:
     effort: Array
     speed: Array
     held: EffortBoxCertificate | None
+    compared: ProgramCertificate | None
 
     def __repr__(self) -> str:
         return "\n".join(self.told())
 
-    @property
-    def proved(self) -> bool:
-        """Whether motors are proved to hold `effort` all over the range."""
-        return self.held is not None and self.held.verdict == "proven"
+    @cached_property
+    def to_motors(self) -> Program:
+        """q_j, q̇_j, τ_j ↦ q_m, q̇_m, τ_m: what a policy asks of its joints, sent to the motors.
+
+        Beside them it takes y, the other numbers of a closed configuration near by, and gives y of the next call as
+        `sigma`. τ_m = J⁻ᵀ τ_j: nothing more is due for rods and rotors, which the serial robot has at its joints.
+        """
+        return side_program(self.transmission, "motors")
 
     @cached_property
-    def motor_map(self) -> Program:
-        """q_j and a closed configuration near by → the numbers that depend (the motors' among them), and ρ.
-
-        Rows of ρ that are the motors' make J: τ_m = J⁻ᵀ τ_j, q̇_m = J q̇_j.
-        """
-        return record(self.transmission.joint_model, ("sigma", "rho"), given="near")
+    def to_joints(self) -> Program:
+        """q_m, q̇_m, τ_m ↦ q_j, q̇_j, τ_j: what encoders of the motors say, as a policy is to see it."""
+        return side_program(self.transmission, "joints")
 
     def told(self) -> Iterator[str]:
         """What it is and by how much it is not the mechanism, in lines."""
-        joints, errors = self.transmission.joints, self.errors
+        joints, errors, slide = self.transmission.joints, self.errors, self.transmission.joint_side.slides
         name = self.transmission.joint_model.mechanism.name
+
+        def row(values: Array, unit: str = "", sliding: str = "", sign: str = "±") -> str:
+            units = [sliding if slides else unit for slides in slide]
+            told = zip(joints, values.tolist(), units, strict=True)
+            return ", ".join(f"{joint} {sign}{value:.4g} {unit}".rstrip() for joint, value, unit in told)
+
         yield f"{name} as a serial robot of {', '.join(joints)}; driven through {', '.join(self.transmission.motors)}"
         met = "fitted over the range" if self.at is None else f"D is the mechanism's at {_row(self.at.q_joint)}"
-        yield f"range {_row(self.lower)} … {_row(self.upper)}; {met}; largest differences over it, sampled:"
-        parts = [f"D {100 * errors.share:.3g} %"]
-        for what, each, unit in (
-            ("C q̇", errors.velocity, "per (rad/s)²"),
-            ("g", errors.gravity, ""),
-            ("damping", errors.damping, ""),
-        ):
+        yield f"range {_row(self.lower)} … {_row(self.upper)}; {met}"
+        yield f"largest differences over the range ({_how(self.compared)}):"
+        yield f"  D by {100 * errors.share:.3g} %"
+        for what, each in (("g", errors.gravity), ("C q̇, per |q̇|²,", errors.velocity)):
             if each.any():
-                parts.append(f"{what} ±{_row(each if each.ndim == 1 else each.max(axis=1))} {unit}".rstrip())
-        yield "  " + "; ".join(parts)
-        for what, limits, how in (
-            ("efforts", self.effort, "proved" if self.proved else "sampled, with margin"),
-            ("speeds", self.speed, "sampled, with margin"),
+                yield f"  {what} by {row(each, 'N m', 'N')}"
+        if errors.damping.any():
+            yield f"  damping by {row(errors.damping.max(axis=1), 'N m s/rad', 'N s/m')}"
+        for what, limits, units, certificate in (
+            ("efforts", self.effort, ("N m", "N"), self.held),
+            ("speeds", self.speed, ("rad/s", "m/s"), self.compared),
         ):
-            yield f"  {what} ±{_row(limits)} ({how})" if np.isfinite(limits).all() else f"  {what}: none stated"
-        yield f"  armatures added {_row(self.added.armatures)}"
+            if np.isfinite(limits).all():
+                yield f"{what} {row(limits, *units)} ({_how(certificate)})"
+            else:
+                yield f"{what}: no limits are stated of the motors"
+        yield f"armatures added: {row(self.added.armatures, 'kg m²', 'kg', sign='')}"
         for link in dict.fromkeys(point.link for point in self.added.masses):
             points = [point for point in self.added.masses if point.link == link]
-            yield f"  mass added to {link} {sum(point.mass for point in points):.4g} kg at {len(points)} points"
+            yield f"mass added to {link}: {sum(point.mass for point in points):.4g} kg at {len(points)} points"
 
     def as_json(self) -> dict[str, Any]:
         """Range, limits, armatures and errors as numbers and lists; ``None`` stands for ∞."""
@@ -112,7 +130,8 @@ class SerialRobot:
             "range": [self.lower.tolist(), self.upper.tolist()],
             "at": None if self.at is None else self.at.q_joint.tolist(),
             **limits,
-            "effort_proved": self.proved,
+            "effort_proved": _proved(self.held),
+            "errors_and_speed_proved": _proved(self.compared),
             "armature_added": self.added.armatures.tolist(),
             "errors": {name: np.asarray(each).tolist() for name, each in self.errors._asdict().items()},
         }
@@ -134,7 +153,12 @@ class SerialRobot:
             raise InvalidInputError(f"a serial robot is written as one of {', '.join(WRITTEN_AS)}, not {wanted!r:.80}")
         described, notes = self.description, tuple[str, ...]()
         if wanted == "urdf":
-            described, notes = _bounded(described)
+            described, notes = with_all_limits(described)
+        if wanted != "mjcf" and self.added.armatures.any():
+            told = ", ".join(
+                f"{j.name} {j.armature:.4g}" for j in described.joints if j.name in self.transmission.joints
+            )
+            notes += (f"few read a rotor inertia from {wanted.upper()}: state armature to the simulator: {told}",)
         notes += write_description(described, path, wanted, meshes=meshes)
         text = Path(path).read_text(encoding="utf-8")
         first, _, rest = text.partition("\n")
@@ -151,14 +175,16 @@ def serial_robot(
     effort: ArrayLike | None = None,
     speed: ArrayLike | None = None,
     count: int | None = None,
-    max_cells: int = 256,
+    max_cells: int = 0,
 ) -> SerialRobot:
     """The serial robot that a trainer wants: the linkage gone, its mass, inertia and limits at links and joints.
 
     Links that the joints alone carry stay, with all that they and their joints state. What the linkage adds to D and g
     is put on them as masses, second moments and armatures, none negative (`ccpin.transmission.equivalent_masses`);
     dampers and dry friction of the linkage as the joints' own, as felt there. Limits are those that the motors keep at
-    all postures: efforts as statics (proved where `certify_effort_box` can), speeds of samples.
+    all postures, efforts as statics. Limits, and by how much D, C q̇, g and damping are off, are of a grid of postures,
+    with twice what second differences say of the places between: an estimate. With `max_cells` they are proved all over
+    the region (Theorems B, Q and E) where so many cells are enough; what the robot tells says which it is.
 
     Args:
         transmission: The transmission; its joints carry one another, nothing else does.
@@ -168,84 +194,58 @@ def serial_robot(
         effort: Largest efforts of the motors behind their gears; default the mechanism's.
         speed: Largest speeds of the motors' joints; default the mechanism's.
         count: Postures along each joint, 3 or more.
-        max_cells: Of `certify_effort_box`.
+        max_cells: Into how many cells the region is cut at most for proofs; 0: nothing is proved.
 
     Raises:
+        CcpinError: What proves is not installed (the extra `validated`), and `max_cells` is not 0.
         InvalidInputError: A joint that is carried by others than the joints; a region that is none, is not reached or
             that other joints' limits do not allow.
         UnreachableError, SingularConfigurationError: `at` is not on the reference's branch.
     """
-    model, n = instance(transmission, "transmission", Transmission).joint_model, transmission.n
+    n = instance(transmission, "transmission", Transmission).n
     links = kept_links(transmission)
-    cells = whole(max_cells, "max_cells")
+    cells = whole(max_cells, "max_cells", 0)
     points = _COUNTS.get(n, 3) if count is None else whole(count, "count", 3)
     found = reached(transmission, region, points)
     home = None if at is None else transmission.at(vector(at, "at", n))
-    bare = {
-        joint.name: replace(joint, armature=0.0) if joint.name in transmission.motors else joint
-        for joint in stated_of(model.mechanism).joints
-        if joint.name in transmission.joints
-    }
+    efforts, held = effort_limits(transmission, found, points, effort, cells)
+    bare = bare_joints(transmission)
     added = equivalent(
-        _with_parts(transmission, links, bare, Additions((), (), np.zeros(n))),
+        serial_alone(transmission, links, bare, Additions((), (), np.zeros(n))),
         found.grid,
         home,
         places_of(transmission, links),
         ground_of(transmission, links),
     )
-    efforts, held = effort_limits(transmission, found, points, effort, cells)
-    speeds = speed_limits(transmission, found, points, speed)
-    felt = found.grid if home is None else (home,)
-    damping = np.mean([np.diag(posture.state.damping) for posture in felt], axis=0)
-    level = np.mean([np.abs(posture.state.rho).T @ model.mechanism.joints.friction for posture in felt], axis=0)
-    joints = {}
-    for k, name in enumerate(transmission.joints):
-        joint = bare[name]
-        joints[name] = replace(
-            joint,
-            kind="revolute" if joint.kind == "continuous" else joint.kind,
-            lower=found.lower[k].item(), upper=found.upper[k].item(),
-            effort=_least(joint.effort, efforts[k]), velocity=_least(joint.velocity, speeds[k]),
-            armature=joint.armature + added.armatures[k].item(),
-            damping=damping[k].item(), friction=level[k].item(),
-        )  # fmt: skip
-    errors = serial_errors(_with_parts(transmission, links, joints, added), found.grid, points)
-    effort_box, speed_box = (np.array([getattr(j, what) for j in joints.values()]) for what in ("effort", "velocity"))
-    description = described(transmission, links, joints, added)
+    joints = with_additions(transmission, bare, added, found, home)
+    compared = None
+    if cells:
+        box = found.lower, found.upper
+        compared = compare_over(added_alone(transmission, links, joints, added), transmission, box, cells)
+    if _proved(compared):
+        assert compared is not None
+        errors, rates = errors_of(compared), largest(compared)["rho"][transmission.motor_side.rows]
+    else:
+        errors = serial_errors(serial_alone(transmission, links, joints, added), found.grid, points)
+        rates = most(np.array([posture.jacobian for posture in found.grid]), points, n)
+    speeds = speed_limits(transmission, found, rates, speed)
+    limited = {
+        name: replace(joint, effort=_least(joint.effort, most_effort), velocity=_least(joint.velocity, most_speed))
+        for (name, joint), most_effort, most_speed in zip(joints.items(), efforts, speeds, strict=True)
+    }
+    ends = [np.array([getattr(joint, it) for joint in limited.values()]) for it in ("effort", "velocity")]
+    description = described(transmission, links, limited, added)
     return SerialRobot(
-        transmission, description, added, found.lower, found.upper, home, errors, effort_box, speed_box, held
+        transmission, description, added, found.lower, found.upper, home, errors, ends[0], ends[1], held, compared
     )
 
 
-def _with_parts(
-    transmission: Transmission, links: Set[str], joints: Mapping[str, Joint], added: Additions
-) -> ReducedModel:
-    """The serial robot alone, in the mechanism's coordinates."""
-    return stated_otherwise(
-        transmission.joint_model,
-        lambda link: added.on(link) if link.name in links else replace(link, inertia=None),
-        lambda joint: replace(joints[joint.name], kind=joint.kind) if joint.name in joints else massless(joint),
-    )
+def _proved(certificate: EffortBoxCertificate | ProgramCertificate | None) -> bool:
+    return certificate is not None and certificate.verdict == "proven"
 
 
-def _bounded(description: MechanismDescription) -> tuple[MechanismDescription, tuple[str, ...]]:
-    """With a number for each limit, and a sentence where one was none: URDF's parsers refuse a joint without."""
-
-    def number(limit: float) -> float:
-        return limit if np.isfinite(limit) else _NO_LIMIT
-
-    own = tuple(
-        j
-        if j.name not in (description.independent or ())
-        else replace(j, effort=number(j.effort), velocity=number(j.velocity))
-        for j in description.joints
-    )
-    if all(
-        a is b or (a.effort, a.velocity) == (b.effort, b.velocity) for a, b in zip(own, description.joints, strict=True)
-    ):
-        return description, ()
-    told = f"URDF's parsers want limits of effort and velocity: {_NO_LIMIT:g} stands where none is stated of the motors"
-    return replace(description, joints=own), (told,)
+def _how(certificate: EffortBoxCertificate | ProgramCertificate | None) -> str:
+    return "proved" if _proved(certificate) else "sampled with a margin, not proved"
 
 
 def _least(stated: float, found: Array) -> float:

@@ -32,6 +32,7 @@ class Side:
 
     Attributes:
         coordinates: α of these joints.
+        slides: Which of them slide.
         units: rad or m of each.
         rows: Where their velocities stand in q̇′.
     """
@@ -39,7 +40,8 @@ class Side:
     def __init__(self, mechanism: Mechanism, names: tuple[str, ...]) -> None:
         self.names = names
         self.coordinates = IndependentCoordinates(mechanism.tree, names, mechanism.q_reference)
-        self.units = tuple("m" if part.slides[0] else "rad" for part in self.coordinates.parts)
+        self.slides = tuple(part.slides[0] for part in self.coordinates.parts)
+        self.units = tuple("m" if slides else "rad" for slides in self.slides)
         self.rows = np.array([part.v_free.start for part in self.coordinates.parts], dtype=np.intp)
         self._circles = [part for part in self.coordinates.parts if part.whole is not None]
 
