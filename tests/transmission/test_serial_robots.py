@@ -7,8 +7,7 @@ import pinocchio as pin
 import pytest
 
 import ccpin
-from ccpin.errors import InvalidInputError
-from ccpin.programs import Program
+from ccpin.errors import IndependentSetError, InvalidInputError
 from ccpin.transmission import Transmission, serial_robot
 from tests.support.linkage_models import FORMS, MOTORS, ROTORS, loaded, transmission_of
 
@@ -55,7 +54,21 @@ def folder(tmp_path_factory):
 def test_mass_matrix_is_met_at_the_posture(name, folder):
     """D of the written file, loaded by Pinocchio, is the reduced model's."""
     state = transmission_of(name).at(AT[name]).state
-    np.testing.assert_allclose(mass(read(name, True, folder), np.array(AT[name])), state.D, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(mass(read(name, True, folder), np.array(AT[name])), state.D, rtol=0, atol=1e-10)
+
+
+@each
+def test_energies(name, folder):
+    """Kinetic energy at the posture is the reduced model's; potential energy differs by what errors of g may do."""
+    model, errors, home = read(name, True, folder), robot_of(name, True).errors, transmission_of(name).at(AT[name])
+    data, v = model.createData(), np.linspace(1.0, -0.5, model.nv)
+    kinetic = pin.computeKineticEnergy(model, data, home.q_joint, v)
+    assert kinetic == pytest.approx(0.5 * v @ home.state.D @ v, abs=1e-10)
+    start = pin.computePotentialEnergy(model, data, home.q_joint)
+    for posture in postures(name, 20):
+        gained = pin.computePotentialEnergy(model, data, posture.q_joint) - start
+        off = gained - (posture.state.energy(v).potential - home.state.energy(v).potential)
+        assert abs(off) <= np.abs(posture.q_joint - home.q_joint) @ errors.gravity + 1e-10
 
 
 @each
@@ -149,8 +162,30 @@ def test_mujoco_reads_it_and_moves_alike(folder):
         mujoco.mj_forward(model, data)
         found = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, found)
-        np.testing.assert_allclose(found, transmission_of(name).at(AT[name]).state.D, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found, transmission_of(name).at(AT[name]).state.D, rtol=0, atol=1e-10)
         np.testing.assert_allclose(model.jnt_range.T, RANGES[name], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["knee", "neck"])
+def test_mujoco_reads_the_urdf(name, folder):
+    """The same of the URDF, whose rotors MuJoCo does not read: a note says them."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    path, robot = folder / f"{name}_mujoco.urdf", robot_of(name, True)
+    notes = robot.save(path)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    data.qpos[:] = AT[name]
+    mujoco.mj_forward(model, data)
+    found = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, found)
+    armatures = {joint.name: joint.armature for joint in robot.description.joints}
+    rotors = [armatures[joint] for joint in robot.transmission.joints]
+    whole = transmission_of(name).at(AT[name]).state.D
+    np.testing.assert_allclose(found + np.diag(rotors), whole, rtol=0, atol=1e-10)
+    told = ", ".join(
+        f"{joint} {armature:.4g}" for joint, armature in zip(robot.transmission.joints, rotors, strict=True)
+    )
+    assert any(note.endswith(f"state armature to the simulator: {told}") for note in notes)
 
 
 def test_apparent_inertia_is_mujocos_mass_matrix_projected(tmp_path):
@@ -179,23 +214,6 @@ def test_apparent_inertia_is_mujocos_mass_matrix_projected(tmp_path):
     np.testing.assert_allclose(matrices[0] - matrices[1], posture.rotor_inertia, rtol=0, atol=1e-9)
 
 
-def test_the_map_leads_back_to_the_motors(tmp_path):
-    """The saved program gives the closed form's motor angles and Jacobian."""
-    robot = robot_of("ankle", False)
-    robot.motor_map.save(tmp_path / "map.json")
-    program = Program.load(tmp_path / "map.json")
-    ports = {port.name: port for port in program.inputs}
-    motors = [ports["y"].entries.index(name) for name in MOTORS["ankle"]]
-    start, y = np.array(program.example[:2]), np.array(program.example[2:])
-    for q in np.linspace(start, [-0.1, 0.05], 40):  # as a loop at a kilohertz asks: from where it was
-        answer = program(q=q, y=y)
-        assert answer.status == 0
-        y = answer["sigma"]
-        np.testing.assert_allclose(y[motors], FORMS["ankle"].motors(q), rtol=0, atol=1e-8)
-        rows = answer["rho"][robot.transmission.motor_side.rows]
-        np.testing.assert_allclose(rows, FORMS["ankle"].jacobian(q), rtol=0, atol=1e-8)
-
-
 @each
 def test_it_says_what_it_is(name, folder):
     """The file's comment is what the robot tells."""
@@ -209,8 +227,12 @@ def test_it_says_what_it_is(name, folder):
 def test_what_is_no_serial_robot():
     """Joints that motors carry, ranges that are not reached, formats without words for it."""
     mechanism = ccpin.load("rpdr")
-    with pytest.raises(InvalidInputError, match="hangs on nothing"):
+    with pytest.raises(
+        InvalidInputError, match=r"'joint3' is carried by 'joint1', .* without loop end_effector nothing"
+    ):
         serial_robot(Transmission(mechanism, joints=["joint3", "joint4"]))
+    with pytest.raises(IndependentSetError, match=r"'root_joint' is a motion of 6 freedoms: .* a fixed base"):
+        Transmission(loaded("ankle", floating_base=True))
     with pytest.raises(InvalidInputError, match="region"):
         serial_robot(transmission_of("ankle"), ([-0.9, -0.5], [0.9, 0.5]))
     with pytest.raises(InvalidInputError, match="one of urdf, sdf, mjcf"):

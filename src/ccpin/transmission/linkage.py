@@ -33,10 +33,16 @@ def linkage_model(model: ReducedModel, sides: Sides) -> ReducedModel:
 
 def serial_links(tree: Tree, joints: tuple[str, ...]) -> Set[str]:
     """The links that these joints alone carry, those at rest among them."""
-    carried: list[set[str]] = [set()]
-    for joint in tree.joints:
-        carried.append(carried[joint.parent] | {joint.name})
+    carried = carriers(tree)
     return {link for link, place in tree.attachments.items() if carried[place.joint] <= set(joints)}
+
+
+def carriers(tree: Tree) -> list[Set[str]]:
+    """The joints that carry each body, by its joint's number, its own among them; none carry number 0."""
+    found: list[Set[str]] = [frozenset()]
+    for joint in tree.joints:
+        found.append(found[joint.parent] | {joint.name})
+    return found
 
 
 def stated_of(mechanism: Mechanism) -> MechanismDescription:

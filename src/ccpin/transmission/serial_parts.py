@@ -13,7 +13,7 @@ from ccpin.description.model import Joint, Link, MechanismDescription, Motor, So
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.points import LinkPoint
 from ccpin.transmission.equivalent_masses import Additions, Ground, PointMass
-from ccpin.transmission.linkage import serial_links, stated_of
+from ccpin.transmission.linkage import carriers, serial_links, stated_of
 from ccpin.transmission.posture import Posture
 from ccpin.transmission.serial_range import Reached
 from ccpin.transmission.transmission import Transmission
@@ -28,16 +28,23 @@ def kept_links(transmission: Transmission) -> Set[str]:
     Raises:
         InvalidInputError: A joint is carried by another than the serial robot's.
     """
-    tree = transmission.joint_model.mechanism.tree
-    links = serial_links(tree, transmission.joints)
-    for joint in tree.joints:
-        if joint.name in transmission.joints and joint.stated.child not in links:
-            own = ", ".join(transmission.joints)
+    mechanism = transmission.joint_model.mechanism
+    tree, own = mechanism.tree, transmission.joints
+    carried = carriers(tree)
+    for number, joint in enumerate(tree.joints, start=1):
+        others = [name for name in tree.names if name in carried[number] and name not in own]
+        if joint.name in own and others:
+            loops = [
+                closure.name
+                for closure in mechanism.closures
+                if others[0]
+                in carried[tree.attachments[closure.link_a].joint] ^ carried[tree.attachments[closure.link_b].joint]
+            ]
             raise InvalidInputError(
-                f"'{joint.name}' is carried by a joint that is none of the serial robot's ({own}): without the linkage "
-                "it hangs on nothing"
+                f"'{joint.name}' is carried by '{others[0]}', which is none of the serial robot's ({', '.join(own)}): "
+                f"without {'loop ' + ', '.join(loops) if loops else 'the linkage'} nothing says where it is"
             )
-    return links
+    return serial_links(tree, own)
 
 
 def places_of(transmission: Transmission, links: Set[str]) -> dict[str, Array]:

@@ -73,8 +73,8 @@ def errors_of(certificate: ProgramCertificate) -> SerialErrors:
     The eigenvalues of D⁻¹E are those that |vᵀEv| ≤ share · vᵀDv asks about: no larger than Perron's of its bounds.
     """
     most = largest(certificate)
-    velocity = np.array([_perron(0.5 * (each + each.T)) for each in most["symbols"]])
-    return SerialErrors(most["mass"], _perron(most["relative"]), velocity, most["gravity"], most["damping"])
+    velocity = np.array([spectral_bound(0.5 * (each + each.T)) for each in most["symbols"]])
+    return SerialErrors(most["mass"], spectral_bound(most["relative"]), velocity, most["gravity"], most["damping"])
 
 
 def largest(certificate: ProgramCertificate) -> dict[str, Array]:
@@ -91,7 +91,7 @@ def _on(scene: TapedModel, other: TapedModel, quantity: Quantity) -> Table:
     return found.reshape(table.shape)
 
 
-def _perron(bounds: Array) -> float:
+def spectral_bound(bounds: Array) -> float:
     """No less than the spectral radius of any matrix within ± bounds: max (Bx)_i/x_i for some x > 0 (Collatz)."""
     if not bounds.any():
         return 0.0

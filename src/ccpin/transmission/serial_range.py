@@ -62,7 +62,7 @@ def reached(transmission: Transmission, region: tuple[ArrayLike, ArrayLike] | No
 def _lacking(found: Survey) -> str:
     """What is wrong with a range; nothing where all is well."""
     if found.missed:
-        return f"{found.missed} of its postures are not reached"
+        return f"{found.missed} of its {found.missed + len(found.postures)} postures are not reached"
     mechanism = found.transmission.joint_model.mechanism
     least, greatest = mechanism.position_limits
     for joint in mechanism.tree.joints:

@@ -19,6 +19,7 @@ from ccpin.files import write_atomically
 from ccpin.programs.program import Program
 from ccpin.transmission.effort_box import EffortBoxCertificate
 from ccpin.transmission.equivalent_masses import Additions, equivalent
+from ccpin.transmission.linkage import stated_of
 from ccpin.transmission.posture import Posture
 from ccpin.transmission.serial_misfits import SerialErrors, most, serial_errors
 from ccpin.transmission.serial_models import added_alone, serial_alone
@@ -39,6 +40,7 @@ from ccpin.validated.programs.program_certificate import ProgramCertificate
 
 WRITTEN_AS = ("urdf", "sdf", "mjcf")
 _COUNTS = {1: 33, 2: 13, 3: 7}  # postures along each joint
+_POOR = 0.5  # of D: what is more off is said to be
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,10 +99,16 @@ class SerialRobot:
             return ", ".join(f"{joint} {sign}{value:.4g} {unit}".rstrip() for joint, value, unit in told)
 
         yield f"{name} as a serial robot of {', '.join(joints)}; driven through {', '.join(self.transmission.motors)}"
+        stated, kept = (
+            stated_of(self.transmission.joint_model.mechanism),
+            {each.name for each in self.description.links},
+        )
+        yield f"left out: {', '.join(link.name for link in stated.links if link.name not in kept) or 'nothing'}"
         met = "fitted over the range" if self.at is None else f"D is the mechanism's at {_row(self.at.q_joint)}"
         yield f"range {_row(self.lower)} … {_row(self.upper)}; {met}"
         yield f"largest differences over the range ({_how(self.compared)}):"
-        yield f"  D by {100 * errors.share:.3g} %"
+        poor = ": constant numbers do not say this linkage: narrow the range, or name other joints"
+        yield f"  D by {100 * errors.share:.3g} %{poor if errors.share > _POOR else ''}"
         for what, each in (("g", errors.gravity), ("C q̇, per |q̇|²,", errors.velocity)):
             if each.any():
                 yield f"  {what} by {row(each, 'N m', 'N')}"

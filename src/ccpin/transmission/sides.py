@@ -133,6 +133,12 @@ def _check(mechanism: Mechanism, side: str, names: tuple[str, ...]) -> None:
     ]
     known = f"name {n} by {side}=…; candidates: {', '.join(candidates) or 'none'}"
     if len(names) != n:
+        whole = [j for j in tree.joints if j.kind.nv > 1 and j.name in mechanism.independent]
+        if whole:
+            raise IndependentSetError(
+                f"'{whole[0].name}' is a motion of {whole[0].kind.nv} freedoms: a transmission stands on a fixed base, "
+                "its joints have one freedom each: lock it, or load the robot without it"
+            )
         found = ", ".join(names) or "none"
         raise IndependentSetError(f"a transmission of {n} motions has {n} {side}; evident or named: {found}. {known}")
     coordinates = IndependentCoordinates(tree, tuple(names), mechanism.q_reference)
