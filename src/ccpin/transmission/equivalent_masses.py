@@ -51,6 +51,13 @@ class SecondMoment(NamedTuple):
     size: float
 
 
+def second_moments(link: str, inertia: Inertia, axes: Array) -> tuple[SecondMoment, ...]:
+    """Those of a body about its centre, along its principal axes, on a link in whose frame its own axes are `axes`."""
+    sizes, ways = np.linalg.eigh(0.5 * np.trace(inertia.rotational) * np.eye(3) - inertia.rotational)
+    found = zip((axes @ ways).T, sizes.tolist(), strict=True)
+    return tuple(SecondMoment(link, way, size) for way, size in found if size > 0.0)
+
+
 class Additions(NamedTuple):
     """What stands for the linkage: masses, second moments, and armatures of the joints, kg m² or kg, of shape (n,)."""
 
@@ -91,12 +98,14 @@ class Ground(NamedTuple):
     Attributes:
         total: The linkage's mass.
         com: Its place at the reference, in the frame of the points.
-        points: Where masses may rest (the link that carries the first joint); none where that is the world.
+        points: The linkage's bodies, on the link that carries the first joint; none where that is the world.
+        moments: Second moments of each about its centre.
     """
 
     total: float
     com: Array
     points: tuple[PointMass, ...]
+    moments: tuple[tuple[SecondMoment, ...], ...]
 
 
 def equivalent(
@@ -178,8 +187,10 @@ def _additions(
     spare = ground.total - sum(each.mass for each in masses)
     if ground.points and spare > 0.0:
         shares = rest / rest.sum() if rest.sum() > 0.0 else np.full(len(rest), 1.0 / len(rest))
-        pairs = zip(ground.points, (spare * shares).tolist(), strict=True)
-        masses += [point._replace(mass=share) for point, share in pairs if share > 0.0]
+        for point, own, share in zip(ground.points, ground.moments, (spare * shares).tolist(), strict=True):
+            if share > 0.0:
+                masses.append(point._replace(mass=share))
+                moments += [each._replace(size=each.size * share / point.mass) for each in own]
     return Additions(tuple(masses), tuple(moments), armatures)
 
 

@@ -12,7 +12,7 @@ from ccpin.description.checks import check
 from ccpin.description.model import Joint, Link, MechanismDescription, Motor, SolverWords, inverse
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.points import LinkPoint
-from ccpin.transmission.equivalent_masses import Additions, Ground, PointMass
+from ccpin.transmission.equivalent_masses import Additions, Ground, PointMass, second_moments
 from ccpin.transmission.linkage import carriers, serial_links, stated_of
 from ccpin.transmission.posture import Posture
 from ccpin.transmission.serial_range import Reached
@@ -78,14 +78,17 @@ def ground_of(transmission: Transmission, links: Set[str]) -> Ground:
     stated, tree = stated_of(mechanism), mechanism.tree
     base = next(j.stated.parent for j in tree.joints if j.parent == 0 and j.name in transmission.joints)
     into, q_free = inverse(tree.attachments[base].placement), mechanism.q_reference
-    points = []
+    points, moments = [], []
     for link in stated.links:
         if link.name not in links and link.inertia is not None and link.inertia.mass > 0.0:
-            place = (into @ LinkPoint(tree, link.name, link.inertia.com).pose(q_free))[:3, 3]
-            points.append(PointMass(base, place, link.inertia.mass))
+            pose = into @ LinkPoint(tree, link.name, link.inertia.com).pose(q_free)
+            points.append(PointMass(base, pose[:3, 3], link.inertia.mass))
+            moments.append(second_moments(base, link.inertia, pose[:3, :3]))
     total = sum(point.mass for point in points)
     com = sum((point.mass * point.place for point in points), np.zeros(3)) / (total or 1.0)
-    return Ground(total, com, () if base == _WORLD else tuple(points))
+    if base == _WORLD:
+        return Ground(total, com, (), ())
+    return Ground(total, com, tuple(points), tuple(moments))
 
 
 def bare_joints(transmission: Transmission) -> dict[str, Joint]:

@@ -19,7 +19,6 @@ from ccpin.files import write_atomically
 from ccpin.programs.program import Program
 from ccpin.transmission.effort_box import EffortBoxCertificate
 from ccpin.transmission.equivalent_masses import Additions, equivalent
-from ccpin.transmission.linkage import stated_of
 from ccpin.transmission.posture import Posture
 from ccpin.transmission.serial_misfits import SerialErrors, most, serial_errors
 from ccpin.transmission.serial_models import added_alone, serial_alone
@@ -34,13 +33,13 @@ from ccpin.transmission.serial_parts import (
 )
 from ccpin.transmission.serial_proof import compare_over, errors_of, largest
 from ccpin.transmission.serial_range import effort_limits, reached, speed_limits
+from ccpin.transmission.serial_words import in_words, is_proved
 from ccpin.transmission.side_programs import side_program
 from ccpin.transmission.transmission import Transmission
 from ccpin.validated.programs.program_certificate import ProgramCertificate
 
 WRITTEN_AS = ("urdf", "sdf", "mjcf")
 _COUNTS = {1: 33, 2: 13, 3: 7}  # postures along each joint
-_POOR = 0.5  # of D: what is more off is said to be
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,42 +89,7 @@ class SerialRobot:
 
     def told(self) -> Iterator[str]:
         """What it is and by how much it is not the mechanism, in lines."""
-        joints, errors, slide = self.transmission.joints, self.errors, self.transmission.joint_side.slides
-        name = self.transmission.joint_model.mechanism.name
-
-        def row(values: Array, unit: str = "", sliding: str = "", sign: str = "±") -> str:
-            units = [sliding if slides else unit for slides in slide]
-            told = zip(joints, values.tolist(), units, strict=True)
-            return ", ".join(f"{joint} {sign}{value:.4g} {unit}".rstrip() for joint, value, unit in told)
-
-        yield f"{name} as a serial robot of {', '.join(joints)}; driven through {', '.join(self.transmission.motors)}"
-        stated, kept = (
-            stated_of(self.transmission.joint_model.mechanism),
-            {each.name for each in self.description.links},
-        )
-        yield f"left out: {', '.join(link.name for link in stated.links if link.name not in kept) or 'nothing'}"
-        met = "fitted over the range" if self.at is None else f"D is the mechanism's at {_row(self.at.q_joint)}"
-        yield f"range {_row(self.lower)} … {_row(self.upper)}; {met}"
-        yield f"largest differences over the range ({_how(self.compared)}):"
-        poor = ": constant numbers do not say this linkage: narrow the range, or name other joints"
-        yield f"  D by {100 * errors.share:.3g} %{poor if errors.share > _POOR else ''}"
-        for what, each in (("g", errors.gravity), ("C q̇, per |q̇|²,", errors.velocity)):
-            if each.any():
-                yield f"  {what} by {row(each, 'N m', 'N')}"
-        if errors.damping.any():
-            yield f"  damping by {row(errors.damping.max(axis=1), 'N m s/rad', 'N s/m')}"
-        for what, limits, units, certificate in (
-            ("efforts", self.effort, ("N m", "N"), self.held),
-            ("speeds", self.speed, ("rad/s", "m/s"), self.compared),
-        ):
-            if np.isfinite(limits).all():
-                yield f"{what} {row(limits, *units)} ({_how(certificate)})"
-            else:
-                yield f"{what}: no limits are stated of the motors"
-        yield f"armatures added: {row(self.added.armatures, 'kg m²', 'kg', sign='')}"
-        for link in dict.fromkeys(point.link for point in self.added.masses):
-            points = [point for point in self.added.masses if point.link == link]
-            yield f"mass added to {link}: {sum(point.mass for point in points):.4g} kg at {len(points)} points"
+        return in_words(self)
 
     def as_json(self) -> dict[str, Any]:
         """Range, limits, armatures and errors as numbers and lists; ``None`` stands for ∞."""
@@ -138,8 +102,8 @@ class SerialRobot:
             "range": [self.lower.tolist(), self.upper.tolist()],
             "at": None if self.at is None else self.at.q_joint.tolist(),
             **limits,
-            "effort_proved": _proved(self.held),
-            "errors_and_speed_proved": _proved(self.compared),
+            "effort_proved": is_proved(self.held),
+            "errors_and_speed_proved": is_proved(self.compared),
             "armature_added": self.added.armatures.tolist(),
             "errors": {name: np.asarray(each).tolist() for name, each in self.errors._asdict().items()},
         }
@@ -162,6 +126,10 @@ class SerialRobot:
         described, notes = self.description, tuple[str, ...]()
         if wanted == "urdf":
             described, notes = with_all_limits(described)
+            moved = {joint.child for joint in described.joints}
+            light = [link.name for link in described.links if link.name in moved and link.inertia is None]
+            if light:
+                notes += (f"{', '.join(light)}: no mass; MuJoCo refuses such links of a URDF: give it the MJCF",)
         if wanted != "mjcf" and self.added.armatures.any():
             told = ", ".join(
                 f"{j.name} {j.armature:.4g}" for j in described.joints if j.name in self.transmission.joints
@@ -230,7 +198,7 @@ def serial_robot(
     if cells:
         box = found.lower, found.upper
         compared = compare_over(added_alone(transmission, links, joints, added), transmission, box, cells)
-    if _proved(compared):
+    if is_proved(compared):
         assert compared is not None
         errors, rates = errors_of(compared), largest(compared)["rho"][transmission.motor_side.rows]
     else:
@@ -248,18 +216,6 @@ def serial_robot(
     )
 
 
-def _proved(certificate: EffortBoxCertificate | ProgramCertificate | None) -> bool:
-    return certificate is not None and certificate.verdict == "proven"
-
-
-def _how(certificate: EffortBoxCertificate | ProgramCertificate | None) -> str:
-    return "proved" if _proved(certificate) else "sampled with a margin, not proved"
-
-
 def _least(stated: float, found: Array) -> float:
     """The lesser limit; a joint without a motor often states 0, which is none."""
     return min(stated or np.inf, found.item())
-
-
-def _row(values: Array) -> str:
-    return " ".join(f"{value:.4g}" for value in np.atleast_1d(values).tolist())
