@@ -35,7 +35,7 @@ def test_proved_bounds_hold_and_are_near(name):
             fastest = np.array([joint.velocity for joint in motors_of(transmission)])
             assert (np.abs(J) @ robot.speed <= fastest).all()
     assert robot.errors.share <= 1.25 * worst + 1e-9
-    assert (robot.errors.velocity <= 3.0 * sampled.errors.velocity + 1e-9).all()
+    assert robot.errors.velocity.max() <= 1.5 * sampled.errors.velocity.max() + 1e-9
     assert (sampled.errors.velocity <= 1.25 * robot.errors.velocity + 1e-9).all()
 
 

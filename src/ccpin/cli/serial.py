@@ -18,17 +18,7 @@ from ccpin.programs.sine_cosine import PRECISIONS, Format
 from ccpin.transmission.serial_robots import SerialRobot, serial_robot
 from ccpin.transmission.transmission import Transmission
 
-_ALONE = (
-    "joints",
-    "motors",
-    "rotor",
-    "effort",
-    "speed",
-    "at",
-    "within",
-    "prove",
-    "precision",
-)  # options that mean nothing without --serial
+_ALONE = ("joints", "motors", "rotor", "effort", "speed", "at", "within", "prove", "precision")  # with --serial only
 _CELLS = 1024
 
 
@@ -65,7 +55,7 @@ def refuse_without_serial(options: argparse.Namespace) -> None:
 
 
 def convert_serial(options: argparse.Namespace) -> int:
-    """Write the serial robot and the map back, and say by how much the robot is not the mechanism."""
+    """Write the serial robot and the maps, and say by how much the robot is not the mechanism."""
     if options.check or options.loops != "as_stated":
         raise InvalidInputError("--check and --loops are about loops: a serial robot has none")
     transmission = Transmission(load(options), options.joints, options.motors)
@@ -88,9 +78,8 @@ def convert_serial(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps({"written": options.out, "maps": list(map(str, maps)), "notes": notes} | robot.as_json()))
         return 0
-    print(
-        robot, f"wrote {options.out}, and the maps to the motors and back:", *(f"  {each}" for each in maps), sep="\n"
-    )
+    written = f"wrote {options.out}, and the maps to the motors and back:"
+    print(robot, written, *(f"  {each}" for each in maps), sep="\n")
     print(*(f"note: {note}" for note in notes), sep="\n", end="\n" if notes else "")
     return 0
 
