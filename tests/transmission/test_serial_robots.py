@@ -10,6 +10,7 @@ import ccpin
 from ccpin.errors import IndependentSetError, InvalidInputError
 from ccpin.transmission import Transmission, serial_robot
 from tests.support.linkage_models import FORMS, MOTORS, ROTORS, loaded, transmission_of
+from tests.support.places import SHARED
 
 RANGES = {"ankle": ([-0.2, -0.15], [0.2, 0.15]), "knee": ([-0.6], [0.6]), "neck": ([-0.4, -0.3], [0.4, 0.3])}
 AT = {"ankle": [0.1, 0.05], "knee": [0.3], "neck": [0.1, -0.2]}
@@ -242,3 +243,22 @@ def test_what_is_no_serial_robot():
         serial_robot(transmission_of("ankle"), ([-0.9, -0.5], [0.9, 0.5]))
     with pytest.raises(InvalidInputError, match="one of urdf, sdf, mjcf"):
         robot_of("knee", False).save("x.yaml")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SHARED.is_dir(), reason="other people's files are not here")
+def test_an_ankle_of_others(tmp_path):
+    """MuJoCo's mass matrix of the serial robot is D at the posture; stated errors hold over the range."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    found = Transmission(ccpin.load(SHARED / "two_rod_ankle" / "ankle.xml"))
+    lower, upper, at = np.array([-0.3, -0.15]), np.array([0.15, 0.15]), np.array([-0.1, 0.05])
+    robot = serial_robot(found, (lower, upper), at=at)
+    robot.save(tmp_path / "serial.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "serial.xml"))
+    data, full = mujoco.MjData(model), np.zeros((2, 2))
+    for q in (at, *np.random.default_rng(8).uniform(lower, upper, (40, 2))):
+        data.qpos[:] = q
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, full)
+        off = np.abs(full - found.at(q).state.D)
+        assert (off <= (1e-10 if q is at else robot.errors.mass + 1e-10)).all()
