@@ -376,6 +376,8 @@ def _transmission(b):
     swing = transmission.Swing(found, [0.1, 0.1], 1.0, q)
     along = {"transmission": found, "motion": swing, "near": None, "samples": 3}
     made = transmission.compare(**along)
+    rocker = transmission.Transmission(ccpin.load("four_bar"))
+    at = rocker.reference.q_joint
     pair = {"v_joint": b.rest, "a_joint": b.rest}
     joints = q + 0.02 * np.array([[k, k * k % 5] for k in range(8)])
     motors = [found.motor_from_joint(each) for each in joints]
@@ -431,6 +433,10 @@ def _transmission(b):
             transmission.certify_limits,
             {"transmission": found, "region": (q - 0.01, q + 0.01), "of": "effort", "size": None, "form": "box"}
             | {"shape": None, "effort": 1.0, "speed": None, "friction": None, "motors": None, "max_cells": 1},
+        ),
+        "serial_robot": (
+            transmission.serial_robot,
+            {"transmission": rocker, "region": (at - 0.01, at + 0.01), "at": at, "count": 3, "max_cells": 1} | limits,
         ),
         "plot_limits": (transmission.plot_limits, {"transmission": found, "title": None} | limits),
         "plot_shortcuts": (transmission.plot_shortcuts, {"comparisons": [made], "title": None}),

@@ -64,8 +64,8 @@ def _transmission(options: argparse.Namespace) -> int:
         identify(transmission, options)
         return 0
     if options.rotor is not None:
-        transmission = _with_rotors(transmission, options.rotor)
-    effort, speed = _each(options.effort), _each(options.speed)
+        transmission = with_rotors(transmission, options.rotor)
+    effort, speed = each_of(options.effort), each_of(options.speed)
     with busy(options.json, "postures over the range"):
         found = survey(transmission)
         facts = _facts(found, effort, speed)
@@ -129,12 +129,12 @@ def _draw(
     write_atomically(writable_target(out), "w", lambda file: file.write(page))
 
 
-def _each(given: Sequence[float] | None) -> Array | None:
+def each_of(given: Sequence[float] | None) -> Array | None:
     """One number for all, or one each."""
     return None if given is None else np.array(given[0] if len(given) == 1 else given)
 
 
-def _with_rotors(transmission: Transmission, rotors: Sequence[float]) -> Transmission:
+def with_rotors(transmission: Transmission, rotors: Sequence[float]) -> Transmission:
     """The same with rotor inertias stated of the motors' joints."""
     from ccpin.description.changes.overrides import with_stated
     from ccpin.mechanism.loading.loader import load as load_mechanism

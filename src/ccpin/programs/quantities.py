@@ -126,7 +126,7 @@ def _velocity_force(scene: TapedModel) -> Table:
     return scene.recorded.terms.velocity
 
 
-def _damping(scene: TapedModel) -> Table:
+def damping(scene: TapedModel) -> Table:
     """ρᵀB′ρ."""
     stated = [scene.constants.damping(joint) for joint in scene.own.joints for _ in range(joint.kind.nv)]
     rho = scene.recorded.motion.rho
@@ -141,7 +141,7 @@ def _coriolis(scene: TapedModel) -> Table:
     """
     if not scene.own.q.scalar:
         raise UnsupportedMechanismError("C(q, q̇) is recorded where q̇ is the rate of q, not of a whole ball or carriage")
-    return (along(scene, _velocity_force(scene), "v") - _damping(scene)) * rational(0.5)
+    return (along(scene, _velocity_force(scene), "v") - damping(scene)) * rational(0.5)
 
 
 def along(scene: TapedModel, entries: Table, by: str) -> Table:
@@ -172,7 +172,7 @@ def _force_of_coriolis(scene: TapedModel, velocity: Table) -> Table:
     """(C + damping) w: half of what the bias force, 2 C w + damping w, changes along w, and half of damping w."""
     way = {node.index: entry for node, entry in zip(scene.inputs["v"], velocity, strict=True)}
     change = scene.tape.derivative(scene.recorded.terms.bias.tolist(), way, held=False)
-    return (np.array(change, dtype=object) + _damping(scene) @ velocity) * rational(0.5)
+    return (np.array(change, dtype=object) + damping(scene) @ velocity) * rational(0.5)
 
 
 def _lyapunov(scene: TapedModel) -> Table:

@@ -94,19 +94,45 @@ def record(
     if asked == ("step",):
         return _step(scene, state, symbols)
     outputs = _outputs(scene, asked, tuple(derivatives))
+    name, shown = f"{model.mechanism.name}: {', '.join(asked)}", _output_ports(scene, outputs)
+    newton = whole(steps, "steps") if given == "near" else 0
+    return program_of(scene, state, name, outputs, shown, newton, symbols, _notes(scene, asked))
+
+
+def program_of(
+    scene: TapedModel,
+    about: State,
+    name: str,
+    outputs: Mapping[str, Table],
+    shown: tuple[Port, ...],
+    steps: int = 0,
+    symbols: Sequence[Parameter] = (),
+    notes: tuple[str, ...] = (),
+) -> Program:
+    """The program of tables of expressions on a scene's tape.
+
+    Args:
+        scene: The model on its tape.
+        about: The State that it was recorded about.
+        name: What the program is of.
+        outputs: The tables, by the names of `shown`.
+        shown: Their ports.
+        steps: Newton steps of σ; 0 where a configuration is given closed.
+        symbols: Constants that are inputs.
+        notes: What whoever calls it has to know.
+    """
     inner = scene.tape.code([entry for table in outputs.values() for entry in table.ravel()])
     ports = _input_ports(scene, _inputs_read(scene, inner), symbols)
-    samples = _samples(model, own, state, ports, symbols)
+    samples = _samples(scene.model, scene.own, about, ports, symbols)
     source = ProgramSource(
-        scene.tape.code(scene.recorded.closure), inner, own.q.places,
+        scene.tape.code(scene.recorded.closure), inner, scene.own.q.places,
         tuple(len(table) for table in scene.inputs.values()),
-        tuple((port.name, port.size) for port in ports), whole(steps, "steps") if given == "near" else 0,
-        tuple(map(tuple, samples.tolist())),
+        tuple((port.name, port.size) for port in ports), steps, tuple(map(tuple, samples.tolist())),
     )  # fmt: skip
     done = assembled(source)
     return Program(
-        f"{model.mechanism.name}: {', '.join(asked)}", ports, _output_ports(scene, outputs), done.code, done.pivots,
-        done.corrections, CONVERGED if done.corrections else 0.0, *_about(samples), _notes(scene, asked), source,
+        name, ports, shown, done.code, done.pivots, done.corrections, CONVERGED if done.corrections else 0.0,
+        *_about(samples), notes, source,
     )  # fmt: skip
 
 

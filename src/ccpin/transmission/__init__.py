@@ -3,6 +3,7 @@
 from ccpin.transmission.identifying_geometry import identify_geometry
 from ccpin.transmission.motor_limits import certify_limits
 from ccpin.transmission.pictures import plot_limits, plot_shortcuts
+from ccpin.transmission.serial_robots import serial_robot
 from ccpin.transmission.shortcuts import compare, motor_loads
 from ccpin.transmission.surveys import survey
 from ccpin.transmission.swing import Swing
@@ -17,6 +18,7 @@ __all__ = [
     "motor_loads",
     "plot_limits",
     "plot_shortcuts",
+    "serial_robot",
     "survey",
 ]
 __dir__ = __all__.copy
