@@ -2,6 +2,7 @@
 
 from ccpin.transmission.effort_box import certify_effort_box
 from ccpin.transmission.pictures import plot_limits, plot_shortcuts
+from ccpin.transmission.ros2_package import export_ros2
 from ccpin.transmission.shortcuts import compare, motor_loads
 from ccpin.transmission.surveys import survey
 from ccpin.transmission.swing import Swing
@@ -12,6 +13,7 @@ __all__ = [
     "Transmission",
     "certify_effort_box",
     "compare",
+    "export_ros2",
     "motor_loads",
     "plot_limits",
     "plot_shortcuts",
