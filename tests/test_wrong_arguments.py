@@ -425,6 +425,11 @@ def _transmission(b):
             {"transmission": found, "region": (q - 0.01, q + 0.01), "box": None, "shape": None, "effort": 1.0}
             | {"max_cells": 1},
         ),
+        "Transmission.program": (found.program, {"given": "motors", "steps": 1}),
+        "export_ros2": (
+            transmission.export_ros2,
+            {"transmission": found, "folder": b.folder, "name": None, "region": None, "max_cells": 1},
+        ),
         "plot_limits": (transmission.plot_limits, {"transmission": found, "title": None} | limits),
         "plot_shortcuts": (transmission.plot_shortcuts, {"comparisons": [made], "title": None}),
     }

@@ -47,6 +47,15 @@ def test_a_page_has_the_polygons_of_its_postures(capsys, tmp_path):
     assert 'id="postures"' not in (tmp_path / "one.html").read_text(encoding="utf-8")
 
 
+def test_a_package_is_written(capsys, tmp_path):
+    """Its files are told, and are there."""
+    neck = str(ROOT / "docs" / "howto" / "neck.xml")
+    assert main(["transmission", neck, "--ros2", str(tmp_path), "--ros2-name", "my_neck", "--json"]) == 0
+    told = set(json.loads(capsys.readouterr().out)["ros2"])
+    assert told == {str(path) for path in tmp_path.rglob("*") if path.is_file()}
+    assert str(tmp_path / "include" / "my_neck" / "my_neck_joints.h") in told
+
+
 def test_in_words(capsys):
     """Names and units, limits that are not stated, and sides that are not evident."""
     assert main(["transmission", str(ROOT / "docs" / "howto" / "neck.xml")]) == 0

@@ -16,6 +16,7 @@ from ccpin.cli.command import add_command, complete, positive
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.errors import InvalidInputError
+from ccpin.transmission.ros2_package import export_ros2
 from ccpin.transmission.shortcuts import SHORTCUTS, compare
 from ccpin.transmission.surveys import Survey, survey
 from ccpin.transmission.swing import Swing
@@ -24,7 +25,8 @@ from ccpin.transmission.transmission import Transmission
 _EXAMPLES = """\
 example: ccpin transmission four_bar
          ccpin transmission four_bar --rotor 2e-4 --shortcuts 1 4 --out limits.png
-         ccpin transmission rpdr --joints joint3 joint4 --effort 10 --speed 20"""
+         ccpin transmission rpdr --joints joint3 joint4 --effort 10 --speed 20
+         ccpin transmission four_bar --ros2 four_bar_linkage"""
 
 
 def add_transmission(commands: Any) -> None:
@@ -41,6 +43,9 @@ def add_transmission(commands: Any) -> None:
     parser.add_argument("--shortcuts", nargs="+", type=positive, metavar="HZ", help=swing)
     written = "draw limits of effort and speed as a picture (.png, .pdf, .svg), or write a page with sliders (.html)"
     complete(parser.add_argument("--out", type=Path, metavar="FILE", help=written), shtab.FILE)
+    package = "write a ROS 2 package into this folder: a transmission plugin of ros2_control, with a test"
+    complete(parser.add_argument("--ros2", type=Path, metavar="DIR", help=package), shtab.DIRECTORY)
+    parser.add_argument("--ros2-name", metavar="NAME", help="of that package (default: of the mechanism)")
 
 
 def _transmission(options: argparse.Namespace) -> int:
@@ -59,6 +64,9 @@ def _transmission(options: argparse.Namespace) -> int:
         with busy(options.json, "drawing"):
             _draw(found, options.out, list(_in_words(facts)), effort, speed)
         facts["written"] = str(options.out)
+    if options.ros2 is not None:
+        with busy(options.json, "recording"):
+            facts["ros2"] = list(map(str, export_ros2(transmission, options.ros2, name=options.ros2_name)))
     print(json.dumps(facts, indent=2) if options.json else "\n".join(_in_words(facts)))
     return 0
 
@@ -197,3 +205,5 @@ def _in_words(facts: dict[str, Any]) -> Iterator[str]:
         yield f"  {row['shortcut']:<18} at {row['frequency']:g} Hz: {part}"
     if "written" in facts:
         yield f"wrote {facts['written']}"
+    if "ros2" in facts:
+        yield f"wrote {len(facts['ros2'])} files of a ROS 2 package, of which nothing is proved"

@@ -53,9 +53,9 @@ def record(
             (ρ̇q̇), `"x_rate"`, `"mass"` (D), `"mass_inverse"`, `"coriolis"` (C), `"velocity_force"` (Cq̇ + damping q̇),
             `"gravity"` (g), `"forward_dynamics"` (q̈), `"inverse_dynamics"` (u), `"generalized_force"` (τ), `"energy"`,
             `"torque"` and `"lyapunov"` of the `law`, `"across"`, `"across_jacobian"` and `"across_inverse"` (of the
-            joints named so: displacements, their derivative by q, its inverse), and the names of `points` (position, with `NAME_rotation` and
-            `NAME_jacobian` beside it). Alone: `"step"`, one of Runge and Kutta's of order 4 over h with u held, closed
-            at its end (q_next, y_next, v_next).
+            joints named so: displacements, their derivative by q, its inverse), and the names of `points` (position,
+            with `NAME_rotation` and `NAME_jacobian` beside it). Alone: `"step"`, one of Runge and Kutta's of order 4
+            over h with u held, closed at its end (q_next, y_next, v_next).
         given: What is known of a configuration. `"closed"`: q and the numbers y that depend on it; `"near"`: q and the
             y of a configuration near by on the same branch, from which σ(q) is found by a fixed number of steps.
         steps: Newton steps of σ; one more with the last matrix follows.

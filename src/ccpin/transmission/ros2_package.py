@@ -1,4 +1,4 @@
-"""`export_ros2`: a transmission as a package of ROS 2: a plugin of ros2_control made of the exported C, and its test."""
+"""`export_ros2`: a transmission as a package of ROS 2: a plugin of ros2_control made of exported C, and its test."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from ccpin.transmission.transmission import Given, Transmission
 
 _TESTED, _STEP = 24, 0.05  # postures of the package's test, and how far apart they are at most, rad or m
 _GRID, _WIDER = 9, 0.02  # postures along each axis of a region, and by how much motors' box is wider than their image
+_SIDES: tuple[Given, ...] = ("joints", "motors")
 _LONGEST = 32  # letters of a name
 _PLACES = {
     "CMakeLists.txt": "CMakeLists.txt",
@@ -72,9 +73,10 @@ def export_ros2(
     whole(max_cells, "max_cells")
     title = transmission.joint_model.mechanism.name
     called = _package_name(re.sub("_+", "_", identifier(title).lower())[:_LONGEST] if name is None else name)
-    programs = {given: transmission.program(given) for given in ("joints", "motors")}
-    if region is not None:
-        programs = _proved(transmission, programs, region, max_cells)
+    box = None if region is None else _box(region, transmission.n)
+    programs: dict[Given, Program] = {given: transmission.program(given) for given in _SIDES}
+    if box is not None:
+        programs = _proved(transmission, programs, *box, max_cells)
     words = {"NAME": called, "TITLE": _one_line(title), "TITLE_XML": escape(_one_line(title))}
     words |= _sides(transmission) | _starts(programs) | _tested(transmission, programs["joints"])
     texts = {file: _filled(_texts() / text, words) for text, file in _PLACES.items()}
@@ -164,8 +166,22 @@ def _row(numbers: ArrayLike) -> str:
     return ", ".join(map(repr, np.asarray(numbers, dtype=np.float64).tolist()))
 
 
+def _box(region: tuple[ArrayLike, ArrayLike], n: int) -> tuple[Array, Array]:
+    """Lower and upper q_j.
+
+    Raises:
+        InvalidInputError: They are none.
+    """
+    if not isinstance(region, tuple | list) or len(region) != 2:
+        raise InvalidInputError("region must be the lower and the upper numbers of q_j")
+    lower, upper = vector(region[0], "region[0]", n), vector(region[1], "region[1]", n)
+    if not (lower < upper).all():
+        raise InvalidInputError("region: every lower number must be below the upper one")
+    return lower, upper
+
+
 def _proved(
-    transmission: Transmission, programs: dict[Given, Program], region: tuple[ArrayLike, ArrayLike], max_cells: int
+    transmission: Transmission, programs: dict[Given, Program], lower: Array, upper: Array, max_cells: int
 ) -> dict[Given, Program]:
     """The programs, which refuse all outside of the region.
 
@@ -174,13 +190,7 @@ def _proved(
     """
     from ccpin.validated.programs.certifying import certify_program  # with python-flint
 
-    if not isinstance(region, tuple | list) or len(region) != 2:
-        raise InvalidInputError("region must be the lower and the upper numbers of q_j")
-    n = transmission.n
-    lower, upper = vector(region[0], "region[0]", n), vector(region[1], "region[1]", n)
-    if not (lower < upper).all():
-        raise InvalidInputError("region: every lower number must be below the upper one")
-    boxes: dict[Given, tuple[Array, Array]] = {"joints": (lower, upper)}
+    n, boxes = transmission.n, dict[Given, tuple[Array, Array]]({"joints": (lower, upper)})
     image = np.array([posture.q_motor for posture in _grid(transmission, lower, upper)])
     least, most = image.min(axis=0), image.max(axis=0)
     boxes["motors"] = least - _WIDER * (most - least), most + _WIDER * (most - least)
@@ -188,7 +198,9 @@ def _proved(
     for given, program in programs.items():
         begin = np.array(program.example[:n])
         if not ((boxes[given][0] <= begin) & (begin <= boxes[given][1])).all():
-            raise InvalidInputError(f"region must hold the reference, where the plugin begins: {transmission.reference!r}")
+            raise InvalidInputError(
+                f"region must hold the reference, where the plugin begins: {transmission.reference!r}"
+            )
         made = certify_program(program, boxes[given], bounds={}, formats=("double",), max_cells=max_cells)
         if made.verdict != "proven":
             raise CcpinError(f"from the {given}, over {boxes[given][0]} … {boxes[given][1]}: {made.reason}")
