@@ -74,7 +74,7 @@ def export_ros2(
     title = transmission.joint_model.mechanism.name
     called = _package_name(re.sub("_+", "_", identifier(title).lower())[:_LONGEST] if name is None else name)
     box = None if region is None else _box(region, transmission.n)
-    programs: dict[Given, Program] = {given: transmission.program(given) for given in _SIDES}
+    programs: dict[Given, Program] = {given: transmission.program(given, steps=3) for given in _SIDES}
     if box is not None:
         programs = _proved(transmission, programs, *box, max_cells)
     words = {"NAME": called, "TITLE": _one_line(title), "TITLE_XML": escape(_one_line(title))}
