@@ -1,17 +1,19 @@
 """``python -m benchmarks.refusals [MODEL …]``: what σ's refusals cost, far away and next to where ways end.
 
 Far: q at random within π of the reference, each coordinate. Near: about the ends of straight ways out of the reference,
-a third each along the way, off it, and exactly there, at distances from 1e-9 to 0.1. All from the reference, wall time
-of `model.sigma` until the error is raised. Before: the walk goes on in ever shorter steps; after: it leaps up to where
-it ends. Both in one run, the former on the first `--walked` refusals of each kind; `changed` counts errors of another
-kind.
+half along the way and half off it, at distances from 1e-5 to 0.1. At: the same at distances from 1e-9 to 1e-5, where
+rounding decides whether a q is answered or refused. All from the reference, CPU time of `model.sigma` until the error
+is raised. Before: the reference walks on in ever shorter steps; after: what the model does. Both in one run, the former
+on the first `--walked` refusals of each kind; `changed` counts errors of another kind, and answers, among these.
+`asked`: after how many the reference was asked.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from unittest.mock import patch
 
 import numpy as np
@@ -31,16 +33,22 @@ def far(model: ccpin.ReducedModel, count: int, rng: np.random.Generator) -> Arra
     return model.alpha(model.mechanism.q_reference) + rng.uniform(-np.pi, np.pi, (count, model.n))
 
 
-def near(model: ccpin.ReducedModel, count: int, rng: np.random.Generator) -> Array:
-    """q about the ends of straight ways, of shape (count, n)."""
+def near(
+    model: ccpin.ReducedModel, count: int, rng: np.random.Generator, least: float = -5.0, most: float = -1.0
+) -> Array:
+    """q about the ends of straight ways, at distances from 10^least to 10^most, of shape (count, n)."""
     start, ways = model.alpha(model.mechanism.q_reference), max(count // _EACH, 1)
     directions = rng.normal(size=(ways, model.n))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     ends = np.array([start + _end(model, start, way) * way for way in directions])
-    which, kind, k = rng.integers(ways, size=count), rng.integers(3, size=(count, 1)), model.n
+    which, off = rng.integers(ways, size=count), rng.normal(size=(count, model.n))
+    off /= np.linalg.norm(off, axis=1)[:, None]
     along = rng.choice([-1.0, 1.0], (count, 1)) * directions[which]
-    offsets = np.select([kind == 0, kind == 1], [along, rng.normal(size=(count, k))], 0.0)
-    return ends[which] + 10.0 ** rng.uniform(-9.0, -1.0, (count, 1)) * offsets
+    offsets = np.where(rng.integers(2, size=(count, 1)) == 0, along, off)
+    return ends[which] + 10.0 ** rng.uniform(least, most, (count, 1)) * offsets
+
+
+KINDS = {"far": far, "near": near, "at": partial(near, least=-9.0, most=-5.0)}
 
 
 def _end(model: ccpin.ReducedModel, start: Array, way: Array) -> float:
@@ -57,30 +65,30 @@ def _end(model: ccpin.ReducedModel, start: Array, way: Array) -> float:
 
 
 def refusal(call: Callable[[Array], object], q: Array) -> tuple[str, float]:
-    """The error's name ("": none), and wall milliseconds until it."""
-    began, name = time.perf_counter(), ""
+    """The error's name ("": none), and CPU milliseconds until it."""
+    began, name = time.thread_time(), ""
     try:
         call(q)
     except ccpin.CcpinError as error:
         name = type(error).__name__
-    return name, 1e3 * (time.perf_counter() - began)
+    return name, 1e3 * (time.thread_time() - began)
 
 
-def rows(name: str, count: int, walked: int, seed: int) -> list[str]:
+def rows(name: str, count: int, walked: int, seed: int) -> Iterator[str]:
     """A line of the table for each kind of query of one model."""
-    model, lines = ccpin.ReducedModel(ccpin.load(name)), []
-    for kind, made in (("far", far), ("near", near)):
+    model = ccpin.ReducedModel(ccpin.load(name))
+    for kind, made in KINDS.items():
         queries = made(model, count, np.random.default_rng(seed))
         found = [refusal(model.sigma, q) for q in queries]
         refused = [k for k, (error, _) in enumerate(found) if error]
+        asked = sum(model.core.sigma(q) is None and model.core.blocked(None, q) is None for q in queries)
         with patch.object(parametrization, "DeadEnds", lambda *_: lambda *_: None):
             old = {k: refusal(model.parametrization.sigma, queries[k]) for k in refused[:walked]}
         changed = sum(found[k][0] != error for k, (error, _) in old.items())
         times = {BEFORE: [t for _, t in old.values()], AFTER: [found[k][1] for k in refused]}
         quantiles = [np.quantile(times[each], part) for part in (0.5, 0.95) for each in (BEFORE, AFTER)]
         numbers = "".join(f"{value:9.2f}" for value in quantiles)
-        lines.append(f"{name:10}{kind:6}{count:8}{len(refused):9}{numbers}{len(old):9}{changed:9}")
-    return lines
+        yield f"{name:10}{kind:6}{count:8}{len(refused):9}{asked:8}{numbers}{len(old):9}{changed:9}"
 
 
 def main() -> None:
@@ -91,10 +99,11 @@ def main() -> None:
     parser.add_argument("--walked", type=int, default=200, help="refusals of each that the reference repeats")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
-    heads = ("refused", BEFORE, AFTER, "95 %", "95 %", "walked", "changed")
-    print(f"{'ms':16}{'queries':>8}" + "".join(f"{head:>9}" for head in heads))
+    heads = (BEFORE, AFTER, "95 %", "95 %", "walked", "changed")
+    print(f"{'ms':16}{'queries':>8}{'refused':>9}{'asked':>8}" + "".join(f"{head:>9}" for head in heads))
     for name in asked.models:
-        print("\n".join(rows(name, asked.queries, asked.walked, asked.seed)), flush=True)
+        for line in rows(name, asked.queries, asked.walked, asked.seed):
+            print(line, flush=True)
 
 
 if __name__ == "__main__":

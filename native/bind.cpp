@@ -30,6 +30,7 @@ NB_MODULE(_core, module) {
       .def("constraint_rate", &Kernel::constraint_rate, arg("q_free"), arg("v_free"))
       .def("sigma", &Kernel::sigma, arg("q"), arg("near") = nb::none())
       .def("closed_point", &Kernel::closed_point, near, q)
+      .def("blocked", &Kernel::blocked, near, arg("q"))
       .def("rcond", &Kernel::rcond, arg("q_free"))
       .def("terms", &Kernel::terms, near, arg("v"), q)
       .def("forward_dynamics", &Kernel::forward_dynamics, near, arg("v"), arg("u"), q, wrenches)

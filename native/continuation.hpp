@@ -241,10 +241,13 @@ class Continuation : public Tangent {
     if (!(radius.minCoeff() >= 0)) return false;
     radius = (kProofInflation * radius).cwiseMax(apart);
     for (int k = 0; k < kProofTries; ++k) {
-      const Eigen::VectorXd here = image(c, s, P, radius), beyond = image(c, s, P, 1.25 * radius);
-      if (!(beyond.maxCoeff() <= kProofLargest) || !beyond.allFinite()) return false;
-      if ((here.array() <= radius.array()).all())
-        return ((beyond - here).array() < 0.25 / (kProofMargin * kProofMargin) * radius.array()).all();
+      const Eigen::VectorXd here = image(c, s, P, radius);
+      if (!(here.maxCoeff() <= kProofLargest) || !here.allFinite()) return false;  // P grows with E
+      if ((here.array() <= radius.array()).all()) {
+        const Eigen::VectorXd beyond = image(c, s, P, 1.25 * radius);
+        return beyond.maxCoeff() <= kProofLargest && beyond.allFinite() &&
+               ((beyond - here).array() < 0.25 / (kProofMargin * kProofMargin) * radius.array()).all();
+      }
       radius = (kProofInflation * here).cwiseMax(radius);
     }
     return false;

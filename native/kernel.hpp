@@ -46,6 +46,18 @@ class Kernel {
     write_rho(w->model, rho);
     return nb::make_tuple(closed(w->model), a);
   }
+  nb::object blocked(In near, In q) {  // how much of the way to q leads next to where it ends; q′ and 1/κ there
+    if ((near.given() && !(near.is_vector(m.nq) && on_manifold(near.data))) || !q.is_vector(m.n_q)) return nb::none();
+    Pool::Lease w(pool_);
+    const double* start = near.given() ? near.data : m.reference.data();
+    double done = 1;
+    close_at(w->model, q.data, [&](const double* x) { return (done = w->model.ends_at(x, start)) < 1; });
+    if (!(done < 1)) return nb::none();
+    const nb::object reached = closed(w->model);
+    const std::vector<double> there = w->model.q_free;
+    if (!w->model.at(there.data())) return nb::none();
+    return nb::make_tuple(done, reached, w->model.rcond());
+  }
   nb::object rcond(In q_free) {
     Pool::Lease w(pool_);
     if (!close(w->model, q_free, In())) return nb::none();

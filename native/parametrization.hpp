@@ -3,15 +3,15 @@
 // Clusters share no row and no column of ψ, so each is solved alone: a step that one cluster does not trust shortens the
 // way of that cluster only, and the branch reached is the same.
 #pragma once
-#include "continuation.hpp"
+#include "dead_ends.hpp"
 
 namespace ccpin {
 
-constexpr double kContraction = 0.125, kChord = 0.0625, kNoise = 1e-9;
+constexpr double kContraction = 0.125, kChord = 0.0625;
 constexpr double kNearSingular = 0.25, kNarrow = 0.5;  // what estimates may use of these and `kTurn`; far from singular sets of `kTurn`
 constexpr double kStill = 1e-3;  // of the inverse of ψ_q′ times the way since it was factorised
 constexpr double kStraight = 1e-6;  // shorter first corrections than this need no second derivative
-constexpr double kLargestMove = 1.0, kShortestStep = 0x1p-30, kOpenStart = 1e-6;
+constexpr double kOpenStart = 1e-6, kSingularWithin = 1e-6;  // the latter: of q, as the reference has it
 constexpr int kMaxNewton = 16;
 
 // A closed point, as a start: its ρ spares Newton the first evaluation, and ∂²σ/∂q² the second where it was asked for.
@@ -21,10 +21,9 @@ struct ClosedPoint {
   std::vector<int> sign;
 };
 
-class Parametrization : public Continuation {
+class Parametrization : public DeadEnds {
  public:
-  explicit Parametrization(const Mechanism& mechanism) : Continuation(mechanism) {
-    q_start_.resize(m.n_q), q_ahead_.resize(m.n_q), line_.resize(m.n), here_.resize(m.nq);
+  explicit Parametrization(const Mechanism& mechanism) : DeadEnds(mechanism) {
     for (const Cluster& c : m.clusters) open_by_.resize(std::max(open_by_.size(), size_t(c.phi_rows())));
   }
 
@@ -45,6 +44,34 @@ class Parametrization : public Continuation {
     }
     closed_ = rho;
     return true;
+  }
+  // How much of the way from a closed start to q leads next to the singular configuration where it ends, and q′ there
+  // (`q_free`): after a σ that was refused, which is remembered. 1: not known to end at one, or so near to q that the last
+  // steps decide whether q itself is called singular.
+  double ends_at(const double* q, const double* start) {
+    closed_ = false, wants_rho_ = false;
+    double least = 1, from = 1, to = 1;
+    size_t first = 0;
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      if (solve(m.clusters[k], states[k], q, start, nullptr)) continue;
+      if (!dead_end_.is(m.clusters[k], q, start)) return 1;
+      from = std::min({from, dead_end_.from, dead_end_.done}), to = std::min(to, dead_end_.to);
+      if (dead_end_.done < least) least = dead_end_.done, first = k, ended_ = dead_end_.q_free;
+    }
+    double length = 0;
+    for (const Cluster& c : m.clusters) set_line(c, q, start);
+    for (double x : line_) length += x * x;
+    length = std::sqrt(length);
+    if (least == 1 || !((1 - to) * length > kSingularWithin || (1 - from) * length <= kSingularWithin)) return 1;
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      const Cluster& c = m.clusters[k];
+      if (k == first) continue;
+      set_line(c, q, start), target(c, q, least);
+      const std::vector<double> there = q_ahead_;  // a walk has targets of its own
+      if (!solve(c, states[k], there.data(), start, nullptr)) return 1;
+    }
+    copy_cluster(m.clusters[first], ended_.data(), q_free.data());
+    return least;
   }
   // The closed point, after ρ was asked for; with ∂²σ/∂q², which pays where many q are asked for from it.
   void remember(ClosedPoint& point, bool curved = false) {
@@ -72,19 +99,10 @@ class Parametrization : public Continuation {
     return closed_ = true;
   }
 
-  // q = α(q′).
-  void alpha(const double* configuration, double* q) const {
-    for (const Coordinate& k : m.coordinates) {
-      const double* x = configuration + m.joints[k.joint].q;
-      if (k.whole()) std::copy(x, x + k.nq, q + k.q);
-      else q[k.q] = component(k, x);
-    }
-  }
-
  private:
   // Of a closed start, whose probe is `before_`; no curvature: not known.
   struct Known { const double* rho; const std::vector<double>& curvature; int sign; };
-  std::vector<double> q_start_, q_ahead_, line_, here_, before_;
+  std::vector<double> before_, ended_;
   std::vector<double> open_by_;  // −φ of an open start,
   double opening_ = 0;           // and how much of it shall be left
   bool wants_rho_ = true;
@@ -236,51 +254,29 @@ class Parametrization : public Continuation {
     return std::sqrt(length);
   }
 
-  double newton_step(const Cluster& c, ClusterState& s) const {
-    newton_right(c, s, 1);
-    s.factor.solve(s.right.data(), 1);
-    return step_from(c, s, 1);
-  }
-  // The same, with a probe and the size of ψ_q′⁻¹ besides.
+  // Newton's step, with a probe and the size of ψ_q′⁻¹ besides.
   double probing_step(const Cluster& c, ClusterState& s, double& inverse) const {
     newton_right(c, s, 3);
     inverse = solve_beside_probe(c, s, 3);
     return step_from(c, s, 3);
   }
-  void newton_right(const Cluster& c, ClusterState& s, int stride) const {
-    const int rows = c.rows(), direct = int(c.direct.size());
-    const double *J = s.J.data() + c.unknowns(), *gap = s.gap.data();
-    for (int r = 0; r < rows; ++r, J += c.width()) {
-      double sum = s.residual[r];
-      for (int k = 0; k < direct; ++k) sum -= J[k] * gap[k];
-      s.right[size_t(r) * stride] = sum;
-    }
-  }
-  double step_from(const Cluster& c, ClusterState& s, int stride) const {
-    scatter(c, s.right.data(), stride, 1, s.step.data());
-    for (size_t k = 0; k < c.direct.size(); ++k) s.step[c.direct[k]] = s.gap[k];
-    double length = 0;
-    for (double x : s.step) length += x * x;
-    return std::sqrt(length);
-  }
 
-  void move(const Cluster& c, const double* step) {
-    for (int j : c.joints) retract(m.joints[j].kind, q_free.data() + m.joints[j].q, step + m.column_of[m.joints[j].v]);
-  }
-
-  // Along the straight line from α(start) to q.
+  // Along the straight line from α(start) to q, or until it is seen to end before.
   bool walk(const Cluster& c, ClusterState& s, const double* q, const double* start) {
-    alpha(start, q_start_.data());
-    for (int i : c.coordinates) {
-      const Coordinate& k = m.coordinates[i];
-      coordinate_difference(k, q_start_.data() + k.q, q + k.q, line_.data() + k.v);
-    }
-    return follow(c, s, start, [&](double ahead) {
-      for (int i : c.coordinates) target(m.coordinates[i], q, ahead);
+    if (dead_end_.is(c, q, start)) return false;
+    dead_end_.begin(c, m, q, start);
+    set_line(c, q, start);
+    Approach approach;
+    const bool reached = follow(c, s, start, [&](double ahead) { target(c, q, ahead); }, [&](double done) {
+      return approach.nears_end(done, probe_square(s)) && ends_before(c, s, q, approach);
     });
+    if (!reached && dead_end_.done == 1) stopped(approach.done[2]);
+    return reached;
   }
-  // In steps that Newton trusts, halved where he does not and doubled after two that he did, from a start to q_ahead_ as f(1) sets it.
-  template <class F> bool follow(const Cluster& c, ClusterState& s, const double* start, F&& f) {
+  // In steps that Newton trusts, halved where he does not and doubled after two that he did, from a start to q_ahead_ as
+  // f(1) sets it; given up where `ends` says so of what is done.
+  template <class F, class G>
+  bool follow(const Cluster& c, ClusterState& s, const double* start, F&& f, G&& ends) {
     copy_cluster(c, start, here_.data());
     double done = 0, stride = 0.5;
     bool open = false, grows = true;
@@ -294,16 +290,9 @@ class Parametrization : public Continuation {
       if (ahead == 1) return true;
       copy_cluster(c, q_free.data(), here_.data());
       done = ahead, stride *= grows ? 2 : 1, grows = true;
+      if (ends(done)) return false;
     }
     return false;
-  }
-  void target(const Coordinate& k, const double* q, double ahead) {
-    const double* from = ahead == 1 ? q : q_start_.data();
-    std::copy(from + k.q, from + k.q + k.nq, q_ahead_.data() + k.q);
-    if (ahead == 1) return;
-    double step[6];
-    for (int i = 0; i < k.nv; ++i) step[i] = ahead * line_[k.v + i];
-    coordinate_retract(k, q_ahead_.data() + k.q, step);
   }
 
   // Closes what is open at its own q, into `here_`: φ goes to zero along a straight line; false where that is blocked.
@@ -312,7 +301,7 @@ class Parametrization : public Continuation {
     copy_cluster(c, start, q_free.data());
     residuals(c, s, nullptr);
     std::copy_n(s.residual.begin(), c.phi_rows(), open_by_.begin());
-    const bool closed = follow(c, s, start, [&](double ahead) { opening_ = 1 - ahead; });
+    const bool closed = follow(c, s, start, [&](double ahead) { opening_ = 1 - ahead; }, [](double) { return false; });
     opening_ = 0;
     if (closed) copy_cluster(c, q_free.data(), here_.data());
     return closed;

@@ -141,7 +141,7 @@ def test_the_command_says_it_in_one_line(honest, tmp_path, capsys):
     """No traceback; other than what is undecided or refuted."""
     path = rewritten(honest, tmp_path, {"upper.npy": npy("|O", (1,), b"\0" * 8)})
     assert main(["verify", str(path)]) == 1
-    assert "'upper': the dtype is object" in capsys.readouterr().err
+    assert "upper.npy: the dtype is object" in capsys.readouterr().err
 
 
 def test_every_field_set_to_anything_is_refused_by_name(honest, tmp_path):

@@ -133,6 +133,10 @@ class ReducedModel:
         answer = self.core.closed_point(self._place(near), wanted)
         if answer is not None:
             return State(self, wanted, ReferenceBackend(self, *answer))
+        blocked = self.core.blocked(self._place(near), wanted)
+        if blocked is not None:
+            start = self.mechanism.q_reference if near is None else self._place(near)
+            raise self.parametrization.blocked(np.asarray(start, dtype=np.float64), wanted, *blocked)
         return State.of(self, wanted, self.parametrization.sigma(wanted, self._start(near)))
 
     def alpha(self, q_free: ArrayLike) -> Array:

@@ -221,9 +221,9 @@ class Parametrization:
             assert isinstance(here, ClosedPoint)
             return here
         reached = _configuration(here)
-        raise self._blocked(start, q, done, reached, self.rcond(reached))
+        raise self.blocked(start, q, done, reached, self.rcond(reached))
 
-    def _blocked(
+    def blocked(
         self, start: Array | ClosedPoint, q: Array, done: float, reached: Array, rcond: float
     ) -> SingularConfigurationError | UnreachableError:
         """What is raised where the straight line from α(start) to q is walked no farther.

@@ -34,6 +34,12 @@ class Kernel:
     def closed_point(self, near: Near, q: ArrayLike | None = None) -> Pair | None:
         """q′ and ρ (14), of shape (n′, n)."""
 
+    def blocked(self, near: Near, q: ArrayLike) -> tuple[float, Array, float] | None:
+        """After a σ that was refused: how much of the straight line to q leads next to where it ends.
+
+        Then q′ there, and the reciprocal condition number of ψ_q′. ``None``: that was not found.
+        """
+
     def rcond(self, q_free: ArrayLike) -> float | None:
         """Reciprocal condition number of ψ_q′ in the 1-norm."""
 

@@ -180,10 +180,12 @@ def asked(monkeypatch):
     monkeypatch.setattr(module, "equations_of", lambda law, reading: (law, reading))
     monkeypatch.setattr(module, "proved_of_cells", lambda kind, *given: told.asked.append(given) or told.fact())
     monkeypatch.setattr(module, "_sampled", lambda *_: "sampled")
+    monkeypatch.setattr(words, "too_weak", lambda mechanism, poses, free: f"{mechanism} {free}")
     told.atlas = Atlas(boxes=SimpleNamespace(kappa=np.zeros(5)))
     told.law = SimpleNamespace(
-        model=SimpleNamespace(gravity_derivative=lambda *_: GRAVITY, n=2), q_d=np.zeros(2), q_free_d=None, K_p=GAINS
-    )
+        model=SimpleNamespace(gravity_derivative=lambda *_: GRAVITY, n=2, mechanism="motors", free_system="give way"),
+        q_d=np.zeros(2), q_free_d=None, K_p=GAINS,
+    )  # fmt: skip
     return told
 
 
@@ -231,6 +233,7 @@ def test_levels_that_are_not_found_or_not_proved(asked):
     assert (made.level, made.level_domain, made.limit, made.sublevel, made._region) == (0.0, 1.5, "refused", None, None)
     assert made.beta == pytest.approx(np.linalg.norm(GRAVITY, 2), rel=1e-12)
     assert "did not hold" in made.reason
+    assert made.reason.endswith("; efforts are taken as unlimited, and motors give way")
 
 
 def test_members_are_good_where_the_gain_condition_holds_and_motors_have_a_grip(asked):

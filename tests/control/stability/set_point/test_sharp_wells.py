@@ -221,15 +221,15 @@ def test_efforts_beyond_a_grip():
 
 
 def told(effort, limit, fastest, frequency=10.0):
-    model = SimpleNamespace(mechanism=SimpleNamespace(actuated=("a", "b")))
+    model = ccpin.ReducedModel(ccpin.load("rpdr"))
     made = Gains(None, None, 1.0, 1.0, None, np.array([1.0, frequency]), np.array(effort), np.array(limit), "")
     return _what_is_too_much(model, made, fastest)
 
 
 def test_what_motors_cannot_give_is_told():
     assert told([1.0, 2.0], [1.0, 2.0], 10.0) == ""
-    assert "b for up to" in told([1.0, 2.01], [1.0, 2.0], 10.0)
-    assert "a for up to" in told([1.01, 2.0], [1.0, 2.0], 10.0)
+    assert "asks joint2 for up to 2.01 of its 2 N m from" in told([1.0, 2.01], [1.0, 2.0], 10.0)
+    assert "asks joint1 for up to 1.01 of its 1 N m from" in told([1.01, 2.0], [1.0, 2.0], 10.0)
     assert "mode" in told([1.0, 2.0], [1.0, 2.0], 9.9)
 
 
@@ -383,7 +383,7 @@ def test_limits_of_motors_either_way(over):
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
     limits = np.array([[-30.0, 50.0], [-70.0, 40.0]])
     real = model.mechanism.motors
-    fake = SimpleNamespace(limits=limits)
+    fake = SimpleNamespace(limits=limits, gears=real.gears, each=real.each)
     try:
         object.__setattr__(model.mechanism, "motors", fake)
     except (AttributeError, TypeError):
