@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from functools import partial
 from importlib.resources import files
-from importlib.resources.abc import Traversable
 from itertools import product
 from pathlib import Path
 from typing import IO
@@ -98,11 +97,11 @@ def _write(text: str, file: IO[str]) -> None:
     file.write(text)
 
 
-def _texts() -> Traversable:
-    return files("ccpin.transmission") / "ros2"
+def _texts() -> Path:
+    return Path(str(files("ccpin.transmission"))) / "ros2"
 
 
-def _filled(text: Traversable, words: dict[str, str]) -> str:
+def _filled(text: Path, words: dict[str, str]) -> str:
     return re.sub(r"@([A-Z_]+)@", lambda found: words[found[1]], text.read_text(encoding="utf-8"))
 
 
