@@ -428,7 +428,8 @@ def _transmission(b):
         "Transmission.program": (found.program, {"given": "motors", "steps": 1}),
         "export_ros2": (
             transmission.export_ros2,
-            {"transmission": found, "folder": b.folder, "name": None, "region": None, "max_cells": 1},
+            {"transmission": found, "folder": b.folder, "maintainer": "Ada <ada@lab.org>", "license": "MIT"}
+            | {"name": None, "region": None, "max_cells": 1},
         ),
         "plot_limits": (transmission.plot_limits, {"transmission": found, "title": None} | limits),
         "plot_shortcuts": (transmission.plot_shortcuts, {"comparisons": [made], "title": None}),

@@ -50,7 +50,17 @@ def test_a_page_has_the_polygons_of_its_postures(capsys, tmp_path):
 def test_a_package_is_written(capsys, tmp_path):
     """Its files are told, and are there."""
     neck = str(ROOT / "docs" / "howto" / "neck.xml")
-    assert main(["transmission", neck, "--ros2", str(tmp_path), "--ros2-name", "my_neck", "--json"]) == 0
+    asked = [
+        "transmission",
+        neck,
+        "--ros2",
+        str(tmp_path),
+        "--ros2-name",
+        "my_neck",
+        "--maintainer",
+        "Ada <ada@lab.org>",
+    ]
+    assert main([*asked, "--json"]) == 0
     told = set(json.loads(capsys.readouterr().out)["ros2"])
     assert told == {str(path) for path in tmp_path.rglob("*") if path.is_file()}
     assert str(tmp_path / "include" / "my_neck" / "my_neck_joints.h") in told

@@ -28,7 +28,7 @@ _EXAMPLES = """\
 example: ccpin transmission four_bar
          ccpin transmission four_bar --rotor 2e-4 --shortcuts 1 4 --out limits.png
          ccpin transmission rpdr --joints joint3 joint4 --effort 10 --speed 20
-         ccpin transmission four_bar --ros2 four_bar_linkage"""
+         ccpin transmission four_bar --ros2 four_bar_linkage --maintainer 'Ada <ada@lab.org>'"""
 
 
 def add_transmission(commands: Any) -> None:
@@ -48,6 +48,12 @@ def add_transmission(commands: Any) -> None:
     package = "write a ROS 2 package into this folder: a transmission plugin of ros2_control, with a test"
     complete(parser.add_argument("--ros2", type=Path, metavar="DIR", help=package), shtab.DIRECTORY)
     parser.add_argument("--ros2-name", metavar="NAME", help="of that package (default: of the mechanism)")
+    parser.add_argument(
+        "--maintainer", default="", metavar="'NAME <ADDRESS>'", help="of that package; it has to have one"
+    )
+    parser.add_argument(
+        "--license", default="Proprietary", metavar="SPDX", help="of that package (default Proprietary)"
+    )
 
 
 def _transmission(options: argparse.Namespace) -> int:
@@ -68,7 +74,8 @@ def _transmission(options: argparse.Namespace) -> int:
         facts["written"] = str(options.out)
     if options.ros2 is not None:
         with busy(options.json, "recording"):
-            facts["ros2"] = list(map(str, export_ros2(transmission, options.ros2, name=options.ros2_name)))
+            own = {"maintainer": options.maintainer, "license": options.license, "name": options.ros2_name}
+            facts["ros2"] = list(map(str, export_ros2(transmission, options.ros2, **own)))
     print(json.dumps(facts, indent=2) if options.json else "\n".join(_in_words(facts)))
     return 0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from email.utils import parseaddr
 from functools import partial
 from importlib.resources import files
 from itertools import product
@@ -43,6 +44,8 @@ def export_ros2(
     transmission: Transmission,
     folder: str | Path,
     *,
+    maintainer: str,
+    license: str = "Proprietary",
     name: str | None = None,
     region: tuple[ArrayLike, ArrayLike] | None = None,
     max_cells: int = 4096,
@@ -56,6 +59,8 @@ def export_ros2(
     Args:
         transmission: The transmission.
         folder: The package's folder, which is made where it is absent.
+        maintainer: Of the package, as package.xml has to have one: "Ada Lovelace <ada@lab.org>".
+        license: Of the package, as SPDX names it; default all rights reserved.
         name: Of package, library and namespace: small letters, digits and single _; default of the mechanism's.
         region: Lower and upper q_j, of shape (n,) each, outside of which it refuses; what it does inside is proved (the
             extra `validated`), of the motors over the box around the region's image. Default: nothing is proved.
@@ -65,18 +70,19 @@ def export_ros2(
         The files.
 
     Raises:
-        InvalidInputError: A name or region that is none, motors that are the joints.
+        InvalidInputError: A maintainer, name or region that is none, motors that are the joints.
         CcpinError: What was to be proved of the region could not be, or it does not hold the reference.
     """
     instance(transmission, "transmission", Transmission)
     whole(max_cells, "max_cells")
     title = transmission.joint_model.mechanism.name
     called = _package_name(re.sub("_+", "_", identifier(title).lower())[:_LONGEST] if name is None else name)
+    words = {"NAME": called, "TITLE": _one_line(title), "TITLE_XML": escape(_one_line(title))}
+    words |= _people(maintainer, license)
     box = None if region is None else _box(region, transmission.n)
     programs: dict[Given, Program] = {given: transmission.program(given, steps=3) for given in _SIDES}
     if box is not None:
         programs = _proved(transmission, programs, *box, max_cells)
-    words = {"NAME": called, "TITLE": _one_line(title), "TITLE_XML": escape(_one_line(title))}
     words |= _sides(transmission) | _starts(programs) | _tested(transmission, programs["joints"])
     texts = {file: _filled(_texts() / text, words) for text, file in _PLACES.items()}
     declared = _texts() / "declared"
@@ -114,6 +120,22 @@ def _package_name(name: str) -> str:
     if not isinstance(name, str) or not re.fullmatch(rf"[a-z](_?[a-z0-9]){{1,{_LONGEST - 1}}}", name):
         raise InvalidInputError(f"name must be a package's: small letters, digits and single _; it is {name!r}")
     return name
+
+
+def _people(maintainer: str, license: str) -> dict[str, str]:
+    """Who maintains a package, and on what terms.
+
+    Raises:
+        InvalidInputError: No name with an address, or no licence.
+    """
+    name, address = map(_one_line, parseaddr(instance(maintainer, "maintainer", str)))
+    if not name or not re.fullmatch(r"[^@\s]+@[^@\s]+", address):
+        wanted = "a name and an address, as 'Ada Lovelace <ada@lab.org>'"
+        raise InvalidInputError(f"maintainer must be {wanted}; it is {maintainer!r}")
+    terms = _one_line(instance(license, "license", str)).strip()
+    if not terms:
+        raise InvalidInputError("license must be the name of one")
+    return {"MAINTAINER_XML": escape(name), "EMAIL_XML": quoteattr(address), "LICENSE_XML": escape(terms)}
 
 
 def _one_line(text: str) -> str:

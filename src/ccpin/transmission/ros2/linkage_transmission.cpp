@@ -1,32 +1,16 @@
 #include "@NAME@/linkage_transmission.hpp"
 
-#include <limits>
-#include <type_traits>
-
 #include "transmission_interface/exception.hpp"
 
 namespace @NAME@
 {
 namespace
 {
-/// A handle's number; none where another thread holds it. Handles before get_optional() have get_value() alone.
-template <class Handle>
-auto number_of(const Handle & handle, int) -> std::decay_t<decltype(handle.get_optional().value())>
-{
-  return handle.get_optional().value_or(std::numeric_limits<double>::quiet_NaN());
-}
-
-template <class Handle>
-double number_of(const Handle & handle, long)
-{
-  return handle.get_value();
-}
-
 template <class Handle>
 Numbers read(const std::vector<Handle> & handles)
 {
   Numbers found{};
-  for (std::size_t k = 0; k < handles.size(); k++) { found[k] = number_of(handles[k], 0); }
+  for (std::size_t k = 0; k < handles.size(); k++) { found[k] = handles[k].get_value(); }
   return found;
 }
 

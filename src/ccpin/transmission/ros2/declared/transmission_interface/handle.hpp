@@ -2,7 +2,6 @@
 #ifndef DECLARED_TRANSMISSION_INTERFACE_HANDLE_HPP
 #define DECLARED_TRANSMISSION_INTERFACE_HANDLE_HPP
 
-#include <optional>
 #include <string>
 
 namespace transmission_interface
@@ -23,7 +22,6 @@ public:
   std::string get_name() const { return prefix_ + "/" + interface_; }
   const std::string & get_prefix_name() const { return prefix_; }
   const std::string & get_interface_name() const { return interface_; }
-  [[nodiscard]] std::optional<double> get_optional() const { return *number_; }
   double get_value() const { return *number_; }
   [[nodiscard]] bool set_value(double number)
   {
