@@ -438,6 +438,12 @@ def _transmission(b):
             transmission.serial_robot,
             {"transmission": rocker, "region": (at - 0.01, at + 0.01), "at": at, "count": 3, "max_cells": 1} | limits,
         ),
+        "Transmission.program": (found.program, {"given": "motors", "steps": 1}),
+        "export_ros2": (
+            transmission.export_ros2,
+            {"transmission": found, "folder": b.folder, "maintainer": "Ada <ada@lab.org>", "license": "MIT"}
+            | {"name": None, "region": None, "max_cells": 1},
+        ),
         "plot_limits": (transmission.plot_limits, {"transmission": found, "title": None} | limits),
         "plot_shortcuts": (transmission.plot_shortcuts, {"comparisons": [made], "title": None}),
     }

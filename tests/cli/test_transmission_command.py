@@ -78,6 +78,25 @@ def test_lengths_from_a_table(capsys, tmp_path):
     assert "is no table: [Errno 2]" in capsys.readouterr().err
 
 
+def test_a_package_is_written(capsys, tmp_path):
+    """Its files are told, and are there."""
+    neck = str(ROOT / "docs" / "howto" / "neck.xml")
+    asked = [
+        "transmission",
+        neck,
+        "--ros2",
+        str(tmp_path),
+        "--ros2-name",
+        "my_neck",
+        "--maintainer",
+        "Ada <ada@lab.org>",
+    ]
+    assert main([*asked, "--json"]) == 0
+    told = set(json.loads(capsys.readouterr().out)["ros2"])
+    assert told == {str(path) for path in tmp_path.rglob("*") if path.is_file()}
+    assert str(tmp_path / "include" / "my_neck" / "my_neck_joints.h") in told
+
+
 def test_in_words(capsys):
     """Names and units, limits that are not stated, and sides that are not evident."""
     assert main(["transmission", str(ROOT / "docs" / "howto" / "neck.xml")]) == 0

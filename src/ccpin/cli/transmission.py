@@ -22,6 +22,7 @@ from ccpin.transmission.motor_bounds import one_each
 from ccpin.transmission.motor_limits import LimitsCertificate, certify_limits
 from ccpin.transmission.polytopes import Polytope
 from ccpin.transmission.posture import Posture
+from ccpin.transmission.ros2_package import export_ros2
 from ccpin.transmission.shortcuts import SHORTCUTS, compare
 from ccpin.transmission.surveys import Survey, survey
 from ccpin.transmission.swing import Swing
@@ -32,7 +33,8 @@ _EXAMPLES = """\
 example: ccpin transmission four_bar
          ccpin transmission four_bar --rotor 2e-4 --shortcuts 1 4 --out limits.png
          ccpin transmission rpdr --joints joint3 joint4 --effort 10 --speed 20
-         ccpin transmission four_bar --effort 10 --speed 20 --within 0.2"""
+         ccpin transmission four_bar --effort 10 --speed 20 --within 0.2
+         ccpin transmission four_bar --ros2 four_bar_linkage --maintainer 'Ada <ada@lab.org>'"""
 
 
 def add_transmission(commands: Any) -> None:
@@ -55,6 +57,15 @@ def add_transmission(commands: Any) -> None:
         "with --identify the mechanism found (.urdf, .sdf, .xml)"
     )
     complete(parser.add_argument("--out", type=Path, metavar="FILE", help=written), shtab.FILE)
+    package = "write a ROS 2 package into this folder: a transmission plugin of ros2_control, with a test"
+    complete(parser.add_argument("--ros2", type=Path, metavar="DIR", help=package), shtab.DIRECTORY)
+    parser.add_argument("--ros2-name", metavar="NAME", help="of that package (default: of the mechanism)")
+    parser.add_argument(
+        "--maintainer", default="", metavar="'NAME <ADDRESS>'", help="of that package; it has to have one"
+    )
+    parser.add_argument(
+        "--license", default="Proprietary", metavar="SPDX", help="of that package (default Proprietary)"
+    )
 
 
 def _transmission(options: argparse.Namespace) -> int:
@@ -82,6 +93,10 @@ def _transmission(options: argparse.Namespace) -> int:
         with busy(options.json, "drawing"):
             _draw(found, options.out, list(_in_words(facts)), effort, speed, proved)
         facts["written"] = str(options.out)
+    if options.ros2 is not None:
+        with busy(options.json, "recording"):
+            own = {"maintainer": options.maintainer, "license": options.license, "name": options.ros2_name}
+            facts["ros2"] = list(map(str, export_ros2(transmission, options.ros2, **own)))
     print(json.dumps(facts, indent=2) if options.json else "\n".join(_in_words(facts)))
     return 0
 
@@ -249,3 +264,5 @@ def _in_words(facts: dict[str, Any]) -> Iterator[str]:
         yield f"  {row['shortcut']:<18} at {row['frequency']:g} Hz: {part}"
     if "written" in facts:
         yield f"wrote {facts['written']}"
+    if "ros2" in facts:
+        yield f"wrote {len(facts['ros2'])} files of a ROS 2 package, of which nothing is proved"

@@ -4,6 +4,7 @@ from ccpin.transmission.identifying_geometry import identify_geometry
 from ccpin.transmission.motor_limits import certify_limits
 from ccpin.transmission.pictures import plot_limits, plot_shortcuts
 from ccpin.transmission.serial_robots import serial_robot
+from ccpin.transmission.ros2_package import export_ros2
 from ccpin.transmission.shortcuts import compare, motor_loads
 from ccpin.transmission.surveys import survey
 from ccpin.transmission.swing import Swing
@@ -15,6 +16,7 @@ __all__ = [
     "certify_limits",
     "compare",
     "identify_geometry",
+    "export_ros2",
     "motor_loads",
     "plot_limits",
     "plot_shortcuts",
