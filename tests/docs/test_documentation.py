@@ -33,7 +33,17 @@ LONG = (
     | {f"docs/notebooks/{name}.md" for name in ("delta", "paper", "tuning")}
     | {
         f"docs/howto/{name}.md"
-        for name in ("assembly_modes", "cad_to_policy", "cluster", "gains", "impedance", "rl", "ros2_control", "tracking", "workspace")
+        for name in (
+            "assembly_modes",
+            "cad_to_policy",
+            "cluster",
+            "gains",
+            "impedance",
+            "rl",
+            "ros2_control",
+            "tracking",
+            "workspace",
+        )
     }
 )
 

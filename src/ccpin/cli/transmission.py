@@ -84,7 +84,7 @@ def _transmission(options: argparse.Namespace) -> int:
         with busy(options.json, "shortcuts along swings"):
             facts["shortcuts"] = list(_compared(found, options.shortcuts))
     proved = list[LimitsCertificate]()
-    if (within := _each(options.within)) is not None:
+    if (within := each_of(options.within)) is not None:
         with busy(options.json, "limits proved"):
             far = one_each(transmission.joints, within, "--within")
             facts["proved"], proved = _proved(transmission, far, effort, speed)

@@ -3,8 +3,8 @@
 from ccpin.transmission.identifying_geometry import identify_geometry
 from ccpin.transmission.motor_limits import certify_limits
 from ccpin.transmission.pictures import plot_limits, plot_shortcuts
-from ccpin.transmission.serial_robots import serial_robot
 from ccpin.transmission.ros2_package import export_ros2
+from ccpin.transmission.serial_robots import serial_robot
 from ccpin.transmission.shortcuts import compare, motor_loads
 from ccpin.transmission.surveys import survey
 from ccpin.transmission.swing import Swing
@@ -15,8 +15,8 @@ __all__ = [
     "Transmission",
     "certify_limits",
     "compare",
-    "identify_geometry",
     "export_ros2",
+    "identify_geometry",
     "motor_loads",
     "plot_limits",
     "plot_shortcuts",

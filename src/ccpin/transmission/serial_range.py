@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, vector, whole
 from ccpin.errors import InvalidInputError
-from ccpin.transmission.effort_box import EffortBoxCertificate, certify_effort_box
 from ccpin.transmission.motor_bounds import stated_efforts, stated_speeds
+from ccpin.transmission.motor_limits import LimitsCertificate, certify_limits
 from ccpin.transmission.posture import Posture
 from ccpin.transmission.serial_misfits import most
 from ccpin.transmission.surveys import Survey, survey
@@ -87,7 +87,7 @@ class EffortLimits(NamedTuple):
     """Half-widths of a box, of shape (n,), ∞ where none is stated of the motors; and its certificate, if any."""
 
     box: Array
-    held: EffortBoxCertificate | None
+    held: LimitsCertificate | None
 
 
 def effort_limits(
@@ -108,9 +108,9 @@ def effort_limits(
     room = np.minimum(greatest, -least)
     if not (room > 0.0).all():
         raise InvalidInputError(f"every motor must give both ways: {least} … {greatest}")
-    held = certify_effort_box(transmission, (found.lower, found.upper), effort=room, max_cells=cells) if cells else None
+    held = certify_limits(transmission, (found.lower, found.upper), effort=room, max_cells=cells) if cells else None
     if held is not None and held.verdict == "proven":
-        return EffortLimits(held.box, held)
+        return EffortLimits(held.half_widths, held)
     asked = most(np.array([posture.inverse.T for posture in found.grid]), count, transmission.n)
     shape = _middle(found).torque_polytope(effort=room, friction=0.0).largest_box()
     return EffortLimits(shape * float((room / (asked @ shape)).min()), held)

@@ -17,8 +17,8 @@ from ccpin.description.model import MechanismDescription
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.programs.program import Program
-from ccpin.transmission.effort_box import EffortBoxCertificate
 from ccpin.transmission.equivalent_masses import Additions, equivalent
+from ccpin.transmission.motor_limits import LimitsCertificate
 from ccpin.transmission.posture import Posture
 from ccpin.transmission.serial_misfits import SerialErrors, most, serial_errors
 from ccpin.transmission.serial_models import added_alone, serial_alone
@@ -67,7 +67,7 @@ class SerialRobot:
     errors: SerialErrors
     effort: Array
     speed: Array
-    held: EffortBoxCertificate | None
+    held: LimitsCertificate | None
     compared: ProgramCertificate | None
 
     def __repr__(self) -> str:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.transmission.effort_box import EffortBoxCertificate
 from ccpin.transmission.linkage import stated_of
+from ccpin.transmission.motor_limits import LimitsCertificate
 from ccpin.validated.programs.program_certificate import ProgramCertificate
 
 if TYPE_CHECKING:
@@ -56,12 +56,12 @@ def in_words(robot: SerialRobot) -> Iterator[str]:
         yield f"mass added to {link}: {sum(point.mass for point in points):.4g} kg at {len(points)} points"
 
 
-def is_proved(certificate: EffortBoxCertificate | ProgramCertificate | None) -> bool:
+def is_proved(certificate: LimitsCertificate | ProgramCertificate | None) -> bool:
     """Whether there is a certificate, and it is proven."""
     return certificate is not None and certificate.verdict == "proven"
 
 
-def _how(certificate: EffortBoxCertificate | ProgramCertificate | None) -> str:
+def _how(certificate: LimitsCertificate | ProgramCertificate | None) -> str:
     return "proved" if is_proved(certificate) else "sampled with a margin, not proved"
 
 
