@@ -125,7 +125,7 @@ def variances(fit: Fit, rows: Any) -> Array:
 
 
 def spread(design: Any, slopes: Array) -> Any:
-    """Measurements Σ_k slope_rk B_j(t_r) c_jk over all coefficients, knot by knot: (R, size), (R, n) → (R, size · n)."""
+    """Rows Σ_k slope_rk B_j(t_r) c_jk over all coefficients, knot by knot: (R, size), (R, n) → (R, size · n)."""
     design, n = design.tocsr(), slopes.shape[1]
     count = DEGREE + 1
     columns = design.indices.reshape(-1, count, 1) * n + np.arange(n)
