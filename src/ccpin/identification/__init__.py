@@ -1,8 +1,9 @@
-"""From a robot's log to its model: motions that show it, what was measured, and the motion behind that."""
+"""From a robot's log to its model: motions that show it, what was measured, the motion behind that, and constants."""
 
+from ccpin.identification.estimation import identify
 from ccpin.identification.excitation import excitation
 from ccpin.identification.log import Log
 from ccpin.identification.smoothing import smoothed
 
-__all__ = ["Log", "excitation", "smoothed"]
+__all__ = ["Log", "excitation", "identify", "smoothed"]
 __dir__ = __all__.copy
