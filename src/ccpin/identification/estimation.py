@@ -38,6 +38,7 @@ class Estimate(NamedTuple):
         combinations: What can be told, in words: a parameter, and the multiples of others that it cannot be told from.
         values: Of these, of shape (r,), in the first parameter's unit. stated: what the model says of them, alike.
         covariance: Of the values, of shape (r, r).
+        multiples: The values as multiples of all p constants, of shape (r, p).
         parameters: All constants looked at: those nearest the model's (in effect) that agree with the values.
         effort_noise: Standard deviation of what is left of each row of ρᵀSᵀu, N m or N, of shape (n,).
         samples: How many counted, and how many were left out because a joint may have stood.
@@ -49,6 +50,7 @@ class Estimate(NamedTuple):
     values: Array
     stated: Array
     covariance: Array
+    multiples: Array
     parameters: DynamicParameters
     effort_noise: Array
     samples: tuple[int, int]
@@ -167,17 +169,21 @@ def _estimate(
     r, stated = V.shape[1], everything.values[found.columns]
     pivots = np.sort(qr(V.T, pivoting=True, mode="r")[1][:r])
     turned = np.linalg.inv(V[pivots].T)
-    multiples = (turned @ V.T) * scale / scale[pivots][:, None]
+    multiples = np.zeros((r, len(everything)))
+    multiples[:, found.columns] = (turned @ V.T) * scale / scale[pivots][:, None]
     to_values = turned / scale[pivots][:, None]
-    names = [everything.names[column] for column in found.columns]
     near = stated + V @ (beta - V.T @ (scale * stated)) / scale
     values = np.array(everything.values)
     values[found.columns] = near
     return Estimate(
-        tuple(_words(names, row, int(pivot)) for row, pivot in zip(multiples, pivots, strict=True)),
+        tuple(
+            _words(everything.names, row, int(first))
+            for row, first in zip(multiples, found.columns[pivots], strict=True)
+        ),
         to_values @ beta,
-        to_values @ (V.T @ (scale * stated)),
+        multiples @ everything.values,
         to_values @ covariance @ to_values.T,
+        multiples,
         DynamicParameters(everything.names, everything.kinds, everything.units, values),
         deviation,
         samples,

@@ -28,7 +28,7 @@ from ccpin.identification.log_files import write_table
 from ccpin.mechanism.mechanism import Mechanism
 
 Criterion = Literal["condition", "trace"]
-_SAMPLES, _STARTS, _ITERATIONS, _SHRINK, _TRIES = 80, 200, 80, 0.98, 40
+_SAMPLES, _SHRINK, _TRIES = 80, 0.98, 40
 _FINE = 25  # samples between two of the search's, where limits are looked at in the end
 _PENALTY, _NOWHERE = 1e2, 1e6
 
@@ -91,6 +91,8 @@ def excitation(
     kinds: Sequence[str] | None = None,
     waypoints: int = 12,
     criterion: Criterion = "condition",
+    starts: int = 200,
+    iterations: int = 80,
     seed: int = 0,
 ) -> Excitation:
     """A motion within limits along which the constants of a mechanism show best.
@@ -107,7 +109,9 @@ def excitation(
             armatures, dampers and friction, and springs where the model has any.
         waypoints: How many it passes between.
         criterion: ``"condition"`` of W, or ``"trace"`` of (WᵀW)⁻¹.
-        seed: Of the random motions that the search begins with.
+        starts: How many random motions the search begins with.
+        iterations: Steps of improvement of the best of them.
+        seed: Of the random motions.
 
     Raises:
         InvalidInputError: Limits are malformed, or cross; the start is outside or cannot be held; no motion was found.
@@ -138,7 +142,8 @@ def excitation(
     )
     if search.share(np.zeros((search.count, n))) > 1.0:
         raise InvalidInputError(f"the start q = {begin.tolist()} is outside the limits, or takes more effort to hold")
-    inner = search.best(np.random.default_rng(whole(seed, "seed", 0)))
+    random = np.random.default_rng(whole(seed, "seed", 0))
+    inner = search.best(random, whole(starts, "starts"), whole(iterations, "iterations", 0))
     for _ in range(_TRIES):
         share, motion = search.share(inner, _FINE), search.motion(inner)
         if share <= 1.0:
@@ -211,12 +216,12 @@ class _Search:
         telling = size[0] / size[-1] if self.criterion == "condition" else np.sqrt(np.sum(1.0 / size**2))
         return float(np.log(telling) + _PENALTY * np.sum(over**2))
 
-    def best(self, random: np.random.Generator) -> Array:
+    def best(self, random: np.random.Generator, starts: int, iterations: int) -> Array:
         """Of random motions the best one, then improved."""
         half = (self.limits.upper - self.limits.lower) / 2.0
-        drawn = [self.held(random.uniform(-1.0, 1.0, (self.count, self.model.n)) * half) for _ in range(_STARTS)]
+        drawn = [self.held(random.uniform(-1.0, 1.0, (self.count, self.model.n)) * half) for _ in range(starts)]
         least = min(drawn, key=lambda inner: self.cost(inner.ravel()))
-        options = {"maxiter": _ITERATIONS}
+        options = {"maxiter": iterations}
         scale = np.tile(half, self.count)
         found = minimize(lambda x: self.cost(x * scale), least.ravel() / scale, method="L-BFGS-B", options=options)
         return np.asarray(found.x * scale).reshape(self.count, -1)
