@@ -94,7 +94,6 @@ def test_limits_that_leave_no_motion_are_told(model, box):
         {"start": box["upper"] + 1.0},
         {"criterion": "beauty"},
         {"kinds": ("colour",)},
-        {"lower": box["lower"] - 6.0, "upper": box["upper"] + 6.0},
     ):
         with pytest.raises(InvalidInputError):
             excitation(model, DURATION, **(box | wrong), starts=2, iterations=0)

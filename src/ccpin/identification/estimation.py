@@ -28,7 +28,7 @@ from ccpin.mechanism.mechanism import Mechanism
 
 _SURE = 4.0  # standard deviations of a velocity within which its sign is not known
 _PASSES = 5
-_COUNTS = 1e-6  # of a combination's first member: smaller coefficients are rounding
+_COUNTS = 1e-9  # of a combination's largest multiple: smaller ones are rounding
 
 
 class Estimate(NamedTuple):
@@ -171,6 +171,7 @@ def _estimate(
     turned = np.linalg.inv(V[pivots].T)
     multiples = np.zeros((r, len(everything)))
     multiples[:, found.columns] = (turned @ V.T) * scale / scale[pivots][:, None]
+    multiples[np.abs(multiples) < _COUNTS * np.abs(multiples).max(axis=1, keepdims=True)] = 0.0
     to_values = turned / scale[pivots][:, None]
     near = stated + V @ (beta - V.T @ (scale * stated)) / scale
     values = np.array(everything.values)
@@ -193,8 +194,11 @@ def _estimate(
 
 
 def _words(names: Sequence[str], multiples: Array, first: int) -> str:
-    felt = np.flatnonzero(np.abs(multiples) > _COUNTS * np.abs(multiples).max()).tolist()
-    others = [k for k in felt if k != first]
-    return " ".join(
-        [names[first], *(f"{'+' if multiples[k] > 0 else '-'} {abs(multiples[k]):.6g} {names[k]}" for k in others)]
-    )
+    """``mx:link3 + 0.5 mass:link4``: the first parameter, then the others."""
+    others = [k for k in np.flatnonzero(multiples).tolist() if k != first]
+    return " ".join([names[first], *(f"{_times(multiples[k])}{names[k]}" for k in others)])
+
+
+def _times(multiple: float) -> str:
+    size = f"{abs(multiple):.6g}"
+    return f"{'+' if multiple > 0 else '-'} {'' if size == '1' else size + ' '}"
