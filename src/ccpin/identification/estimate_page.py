@@ -12,6 +12,8 @@ from ccpin.pages.html_page import Section, render
 from ccpin.pages.parts import figure, paragraphs, table
 from ccpin.plotting.style import COLOURS, Figure, drawing
 
+_CHANGED = 1e-12  # SI units: less is a solver's rounding
+
 
 def estimate_page(
     model: ReducedModel,
@@ -34,18 +36,18 @@ def estimate_page(
         "with the same value of it move alike."
     )
     rows = [
-        [name.replace("_", "-"), f"{value:.5g}", f"{off:.2g}", f"{said:.5g}", f"{abs(value - said) / off:.1f}"]
+        [f"`{name}`", f"{value:.5g}", f"{off:.2g}", f"{said:.5g}", f"{abs(value - said) / off:.1f}"]
         for name, value, off, said in zip(
             estimate.combinations, estimate.values, estimate.deviations, estimate.stated, strict=True
         )
     ]
     head = ["combination", "found", "standard deviation", "stated", "apart, in deviations"]
     constants = [
-        [name, f"{said:.5g}", f"{value:.5g}", unit]
+        [f"`{name}`", f"{said:.5g}", f"{value:.5g}", unit]
         for name, said, value, unit in zip(
             chosen.names, model.parameters.values, chosen.values, chosen.units, strict=True
         )
-        if said != value
+        if abs(value - said) > _CHANGED
     ]
     sections = [Section("found", "What the logs tell", paragraphs(told) + table(head, rows))]
     for k, (name, before, after) in enumerate(logs):
@@ -54,7 +56,17 @@ def estimate_page(
             for joint, b, a in zip(after.names, before.share, after.share, strict=True)
         )
         body = paragraphs(f"Left unexplained, of the measured root mean square: {shares}.")
-        sections.append(Section(f"log{k}", f"What is left of {name}", body + figure(_left(before, after), name)))
+        sections.append(
+            Section(
+                f"log{k}",
+                f"What is left of {name}",
+                body
+                + figure(
+                    _left(before, after),
+                    f"Efforts of {name} as measured and as told, N m or N; right, what is left of them",
+                ),
+            )
+        )
     sections.append(Section("noise", "Noise and outliers", _noise(estimate)))
     sections.append(Section("constants", "Constants taken", table(["constant", "stated", "taken", "unit"], constants)))
     return render(f"{model.mechanism.title}: from logs to constants", "Y π = ρᵀSᵀu, weighted least squares", sections)
@@ -81,10 +93,10 @@ def _left(before: Explained, after: Explained) -> Figure:
 
 
 def _noise(estimate: Estimate) -> str:
-    rows = [[name, f"{level:.3g}"] for motion in estimate.motions for name, level in motion.noise.items()]
+    rows = [[f"`{name}`", f"{level:.3g}"] for motion in estimate.motions for name, level in motion.noise.items()]
     efforts = ", ".join(f"{level:.3g}" for level in estimate.effort_noise)
     outliers = [each for motion in estimate.motions for each in motion.outliers]
-    named = [[each.column, f"{each.t:.6g}", f"{each.off:.1f}"] for each in outliers[:50]]
+    named = [[f"`{each.column}`", f"{each.t:.6g}", f"{each.off:.1f}"] for each in outliers[:50]]
     body = paragraphs(f"What is left of each generalised force has a standard deviation of {efforts} N m or N.")
     body += table(["column", "standard deviation about the motion"], rows)
     told = f"{len(outliers)} samples were left out as outliers" + (", the first 50 of them:" if named else ".")
