@@ -5,7 +5,7 @@ Y(q, q̇, q̈) π = ρᵀSᵀu (22). What the rows tell apart is β = Vᵀ S π 
 efforts' noise, found from the residuals, β̂ = B Wᵀ Σ⁻¹ τ with B = (Wᵀ Σ⁻¹ W)⁻¹. Its covariance is
 C = B Wᵀ Σ⁻¹ Ω Σ⁻¹ W B, Ω the residuals' autocovariance: an encoder's noise reaches q̈ smoothed, and is not white.
 (C. Atkeson, C. An and J. Hollerbach, Estimation of inertial parameters of manipulator loads and links, International
-Journal of Robotics Research 5, 1986; M. Gautier, Numerical calculation of the base inertial parameters of robots, 1991.)
+Journal of Robotics Research 5, 1986; M. Gautier, Numerical calculation of the base inertial parameters, 1991.)
 
 A sample at which a joint with friction may turn either way within what its velocity is known to is left out.
 """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -95,7 +96,9 @@ class Log(Record):
             InvalidInputError: The file is none of these, damaged, or has no such column; a unit is unknown; a package
                 for it is not installed.
         """
-        with told_of(path if Path(path).is_file() else None):
+        if not isinstance(path, str | Path):
+            raise InvalidInputError(f"a log to read must be a path, not {type(path).__name__}")
+        with nullcontext() if Path(path).is_dir() else told_of(path):
             found = recorded(Path(path), time)
             named = (
                 dict(columns)
