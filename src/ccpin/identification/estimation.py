@@ -160,17 +160,16 @@ def _weighted(W: Array, tau: Array) -> tuple[Array, Array, Array]:
 
 
 def _spread(W: Array, left: Array) -> Array:
-    """Wᵀ Ω W for what is left of each row, Ω its autocovariance (Parzen's window), Toeplitz for each of the n rows."""
-    count = len(left)
+    """Wᵀ Ω W, Ω block Toeplitz of what is left of the n rows of each sample: its autocovariance in Parzen's window."""
+    count, n = left.shape
     lags = min(_LAGS, count // 4)
-    share = np.arange(lags + 1) / (lags + 1)
+    share = np.abs(np.arange(-lags, lags + 1)) / (lags + 1)
     window = np.where(share <= 0.5, 1.0 - 6.0 * share**2 * (1.0 - share), 2.0 * (1.0 - share) ** 3)
     total = np.zeros((W.shape[2], W.shape[2]))
-    for k in range(left.shape[1]):
-        each = left[:, k]
-        variance = np.array([each[: count - lag] @ each[lag:] for lag in range(lags + 1)]) / count * window
-        kernel = np.r_[variance[:0:-1], variance]
-        total += W[:, k].T @ fftconvolve(W[:, k], kernel[:, None], mode="same", axes=0)
+    for i in range(n):
+        for j in range(n):
+            both = fftconvolve(left[:, i], left[::-1, j])[count - 1 - lags : count + lags] / count * window
+            total += W[:, i].T @ fftconvolve(W[:, j], both[:, None], mode="same", axes=0)
     return (total + total.T) / 2.0
 
 

@@ -179,7 +179,7 @@ def _chosen(matrix: Any, y: Array, roughness: Any, stated: float | None) -> tupl
     found = minimize_scalar(
         score, bounds=(grid[least] - 1.0, grid[least] + 1.0), method="bounded", options={"xatol": 0.02}
     )
-    return tried(float(found.x))
+    return tried(float(found.x) - 0.5)
 
 
 def _together(
