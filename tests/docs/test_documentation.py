@@ -41,6 +41,7 @@ LONG = (
             "impedance",
             "rl",
             "ros2_control",
+            "robot_log",
             "tracking",
             "workspace",
         )

@@ -1,84 +1,102 @@
-"""`ccpin transmission --identify`: lengths and anchors of a linkage from a table of measured angles."""
+"""`ccpin identify`: the constants of a mechanism from its logs, as a table, a description and a page."""
 
 from __future__ import annotations
 
 import argparse
-import csv
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import shtab
 
-from ccpin.arrays import Array
-from ccpin.cli.command import complete, positive
+from ccpin.cli.command import add_command, complete, positive
+from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
+from ccpin.description.formats import write_description
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
-from ccpin.transmission.identifying_geometry import identify_geometry
-from ccpin.transmission.transmission import Transmission
+from ccpin.files import writable_target, write_atomically
+from ccpin.identification.consistency import consistent, with_constants
+from ccpin.identification.estimation import identify
+from ccpin.identification.explained import explained
+from ccpin.identification.log import Log
+
+_EXAMPLES = """\
+example: ccpin identify rpdr --logs run1.csv run2.csv --out learnt.urdf --report learnt.html
+         ccpin identify rpdr --logs run.mcap --kinds inertia friction
+         ccpin identify rpdr --logs run.csv --columns q_joint1=left u_joint1=amps --units q=deg u=0.35"""
 
 
-def add_identify(parser: Any) -> None:
-    """Its options."""
-    measured = "geometry from measured pairs: a table with a column for each motor's joint and each joint, in rad"
-    complete(parser.add_argument("--identify", type=Path, metavar="PAIRS.csv", help=measured), shtab.FILE)
-    parser.add_argument("--degrees", action="store_true", help="the table's angles are in degrees")
-    spread = "standard deviation of the table's angles (default 0.02)"
-    parser.add_argument("--noise", type=positive, default=0.02, metavar="DEG", help=spread)
-    named = "joints, closures (or one end, CLOSURE/A) or single numbers (origin:JOINT/x)"
-    parser.add_argument("--unknown", nargs="+", metavar="NAME", help=f"what to identify: {named}; default all")
-    parser.add_argument("--known", nargs="+", default=(), metavar="NAME", help="what of that is right in the file")
-    parser.add_argument("--offsets", nargs="+", default=(), metavar="JOINT", help="encoders mounted off")
+def add_identify(commands: Any) -> None:
+    """The command and its options."""
+    parser = add_command(commands, "identify", _EXAMPLES, _identify)
+    add_mechanism(parser)
+    files = ".csv, .parquet, .npz, .mat, .mcap, .db3, .bag or rosbag2 folders"
+    complete(parser.add_argument("--logs", nargs="+", type=Path, required=True, metavar="LOG", help=files), shtab.FILE)
+    ours = "which of a file's columns q_JOINT, v_JOINT, u_JOINT are"
+    parser.add_argument("--columns", nargs="+", metavar="OURS=THEIRS", help=ours)
+    units = "in which unit columns, or all of q, v, u, are: deg, rev, mm, rpm, deg/s, N mm …, or a factor"
+    parser.add_argument("--units", nargs="+", metavar="NAME=UNIT", default=(), help=units)
+    parser.add_argument("--time", metavar="NAME", help="the column of times (default t, time or tout)")
+    known = "standard deviations of columns where they are known, SI units"
+    parser.add_argument("--noise", nargs="+", metavar="NAME=NUMBER", default=(), help=known)
+    kinds = "parameters to find (default: inertia armature damping friction, and springs where there are any)"
+    parser.add_argument("--kinds", nargs="+", metavar="KIND", help=kinds)
+    parser.add_argument("--spacing", type=positive, metavar="S", help="between knots of the motions' splines")
+    written = "write the mechanism with consistent constants there"
+    complete(parser.add_argument("--out", type=Path, metavar="FILE", help=written), shtab.FILE)
+    page = "write a page with values, deviations and what is left there"
+    complete(parser.add_argument("--report", type=Path, metavar="FILE", help=page), shtab.FILE)
 
 
-def identify(transmission: Transmission, options: argparse.Namespace) -> None:
-    """Print what is found, and write the mechanism with it where --out says."""
-    from ccpin.mechanism.loading.loader import load as load_mechanism
+def _identify(options: argparse.Namespace) -> int:
+    model = ReducedModel(load(options))
+    columns = dict(_pairs(options.columns, "--columns")) if options.columns else None
+    units = {name: _number(unit) for name, unit in _pairs(options.units, "--units")}
+    noise = {name: float(level) for name, level in _pairs(options.noise, "--noise")}
+    smoothing: dict[str, Any] = {"spacing": options.spacing, "noise": noise}
+    logs = [Log.read(path, columns=columns, units=units, time=options.time) for path in options.logs]
+    with busy(options.json, "motions behind the logs, and constants"):
+        estimate = identify(model, logs, kinds=options.kinds, **smoothing)
+        chosen = consistent(model, estimate) if options.out or options.report else estimate.parameters
+    written = []
+    if options.out:
+        notes = write_description(with_constants(model, chosen), options.out)
+        written.append(str(options.out))
+    if options.report:
+        from ccpin.identification.estimate_page import estimate_page
 
-    turns = [unit == "rad" for side in (transmission.motor_side, transmission.joint_side) for unit in side.units]
-    table = _table(options.identify, (*transmission.motors, *transmission.joints))
-    table = np.where(np.array(turns) & options.degrees, np.radians(table), table)
-    motors, joints = np.split(table, 2, axis=1)
-    noise = float(np.radians(options.noise))
-    with busy(options.json, "fitting"):
-        found = identify_geometry(
-            transmission, motors, joints, motor_noise=noise, joint_noise=noise,
-            parameters=options.unknown, known=options.known, offsets=options.offsets,
-        )  # fmt: skip
-    if options.out is not None:
-        load_mechanism(found.description).save(options.out)
-    if not options.json:
-        print(found, *([f"wrote {options.out}"] if options.out else []), sep="\n")
-        return
-    spreads = [float(x) if np.isfinite(x) else None for x in found.standard_deviations]
-    rows = zip(found.parameters, found.units, found.stated.tolist(), found.values.tolist(), spreads, strict=True)
-    names = ("name", "unit", "stated", "value", "standard_deviation")
-    facts: dict[str, Any] = {
-        "numbers": [dict(zip(names, row, strict=True)) for row in rows],
-        "unobservable": found.unobservable,
-    }
-    facts |= {"pairs": len(motors), "rank": found.rank, "condition": found.condition, "misfit": found.misfit}
-    facts |= {"residual_rms": found.residual_rms.tolist(), "written": options.out and str(options.out)}
-    print(json.dumps(facts, indent=2))
+        before, after = (
+            [explained(model, each, log, **smoothing) for log in logs] for each in (model.parameters, chosen)
+        )
+        told = list(zip([log.source for log in logs], before, after, strict=True))
+        page = estimate_page(model, estimate, chosen, told)
+        write_atomically(writable_target(options.report), "w", lambda file: file.write(page))
+        written.append(str(options.report))
+    if options.json:
+        rows = zip(estimate.combinations, estimate.values, estimate.deviations, estimate.stated, strict=True)
+        fields = ("combination", "value", "deviation", "stated")
+        found = [dict(zip(fields, (name, *map(float, rest)), strict=True)) for name, *rest in rows]
+        samples = dict(zip(("counted", "left_out"), estimate.samples, strict=True))
+        print(json.dumps({"found": found, "samples": samples, "written": written}, indent=2))
+        return 0
+    print(f"{estimate!r}\n{estimate.table()}")
+    print("".join(f"wrote {path}\n" for path in written), end="")
+    if options.out:
+        print("".join(f"not in the file: {note}\n" for note in notes), end="")
+    return 0
 
 
-def _table(path: Path, names: tuple[str, ...]) -> Array:
-    """The columns of those names, of shape (N, names).
+def _pairs(given: Sequence[str], option: str) -> list[tuple[str, str]]:
+    pairs = [tuple(each.split("=", 1)) for each in given]
+    if wrong := [each for each, pair in zip(given, pairs, strict=True) if len(pair) != 2 or not all(pair)]:
+        raise InvalidInputError(f"{option}: '{wrong[0]}' must be NAME=VALUE")
+    return [(pair[0], pair[1]) for pair in pairs]
 
-    Raises:
-        InvalidInputError: It cannot be read, a column is not there, or an entry is no number.
-    """
+
+def _number(unit: str) -> str | float:
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            header, *rows = csv.reader(file, skipinitialspace=True)
-    except (OSError, ValueError, csv.Error) as error:
-        raise InvalidInputError(f"{path} is no table: {error}") from None
-    if lacking := [name for name in names if name not in header]:
-        raise InvalidInputError(f"{path} has no column '{lacking[0]}'; its header names {', '.join(names)}")
-    places = [header.index(name) for name in names]
-    try:
-        found = [[float(row[place]) for place in places] for row in rows]
-    except (IndexError, ValueError) as error:
-        raise InvalidInputError(f"{path}: {error}") from None
-    return np.array(found).reshape(-1, len(names))
+        return float(unit)
+    except ValueError:
+        return unit

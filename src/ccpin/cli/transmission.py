@@ -13,7 +13,7 @@ import shtab
 
 from ccpin.arrays import Array
 from ccpin.cli.command import add_command, complete, positive
-from ccpin.cli.identify import add_identify, identify
+from ccpin.cli.measured_pairs import add_identify, identify
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.errors import InvalidInputError

@@ -22,7 +22,9 @@ from ccpin.dynamics.derivatives import (
     InverseDynamicsDerivatives,
 )
 from ccpin.dynamics.free_system import Energy, FreeSystem
+from ccpin.dynamics.parameters import DynamicParameters, dynamic_parameters
 from ccpin.dynamics.reference_backend import ReferenceBackend
+from ccpin.dynamics.regressor import regressor
 from ccpin.dynamics.state import Near, ReducedTerms, State
 from ccpin.dynamics.wrenches import Wrenches, wrench_rows
 from ccpin.errors import InvalidInputError
@@ -106,6 +108,11 @@ class ReducedModel:
         if isinstance(self.core, Declining):
             return Backend("numpy", self.core.reason)
         return backend()
+
+    @cached_property
+    def parameters(self) -> DynamicParameters:
+        """π: the constants in which the equations of motion are linear, with their values (`State.regressor`)."""
+        return dynamic_parameters(self.mechanism.tree)
 
     @cached_property
     def digests(self) -> Digests:
@@ -299,6 +306,15 @@ class ReducedModel:
         shapes = (self.n, self.n), (self.n, self.n), (self.n, self.n_actuated)
         found = self._many("forward_dynamics_derivatives", given, near, threads, shapes, failures)
         return ForwardDynamicsDerivatives(*found)
+
+    def regressor_many(
+        self, Q: Rows, V: Rows, A: Rows, near: Near = None, *, threads: int = 1, failures: Failures | None = None
+    ) -> Array:
+        """`State.regressor` of each row of Q, V and A, of shape (N, n, p)."""
+        v, a = rows(V, "V", self.n), rows(A, "A", self.n)
+        together(v, a)
+        there = self.terms_many(Q, v, near, threads=threads, failures=failures)
+        return regressor(self.mechanism.tree, self.free_system, there.q_free, there.rho, there.rho_dot, v, a, v)
 
     def _many(
         self,

@@ -1,0 +1,11 @@
+"""From a robot's log to its model: motions that show it, what was measured, the motion behind that, and constants."""
+
+from ccpin.identification.consistency import consistent, with_constants
+from ccpin.identification.estimation import identify
+from ccpin.identification.excitation import excitation
+from ccpin.identification.explained import explained
+from ccpin.identification.log import Log
+from ccpin.identification.smoothing import smoothed
+
+__all__ = ["Log", "consistent", "excitation", "explained", "identify", "smoothed", "with_constants"]
+__dir__ = __all__.copy
