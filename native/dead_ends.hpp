@@ -122,7 +122,7 @@ class DeadEnds : public Continuation {
   // Whether the way to q ends where an end is neared at `here_`, into `dead_end_`.
   bool ends_before(const Cluster& c, ClusterState& s, const double* q, Approach& a) {
     double place = a.done[2], left = a.left, end = a.end, doubt = 0.1 * left;
-    a.next = left / 2;  // where nothing comes of it
+    a.next = left / 4;  // where nothing comes of it
     copy_cluster(c, here_.data(), q_free.data());
     target(c, q, place);
     linearize(c, s, q_ahead_.data());
