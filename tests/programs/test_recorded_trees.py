@@ -6,6 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import ccpin
+from ccpin import programs
 from ccpin.description import CLOSURE_KINDS, Coupling, CouplingTerm
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
@@ -135,3 +137,13 @@ def test_ends_may_be_others():
     own, other = (closure_rows(made.tape, made.constraints, made.joints, x, None, each)[:3] for each in (None, ends))
     change = made.values(other) - made.values(own)
     np.testing.assert_allclose(np.linalg.norm(change), 0.3, rtol=1e-12)
+
+
+def test_rotors_and_dampers_are_in_what_velocities_cost():
+    """Of all joints, the passive ones too, whose rates and second rates come of ρ."""
+    names = [joint.name for joint in ccpin.load("rpdr").tree.joints]
+    mechanism = ccpin.load("rpdr", joints={name: {"damping": 0.3, "armature": 0.2} for name in names})
+    model = ccpin.ReducedModel(mechanism)
+    state, v = model.at(model.alpha(mechanism.q_reference)), np.array([0.7, -1.1])
+    found = programs.record(model, "velocity_force")(**programs.configuration(state), v=v)["velocity_force"]
+    np.testing.assert_allclose(found, state.C(v) @ v + state.damping @ v, rtol=0.0, atol=1e-12)

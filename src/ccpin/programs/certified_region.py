@@ -31,12 +31,11 @@ class CertifiedRegion(NamedTuple):
     def ends(self, precision: Precision) -> tuple[Any, Any]:
         """The least and the largest numbers of a format that are in it, of shape (inputs,)."""
         ends = []
-        for wide, way in ((self.lower, np.inf), (self.upper, -np.inf)):
+        for wide, outside, inwards in ((self.lower, np.less, np.inf), (self.upper, np.greater, -np.inf)):
             exact = np.array(wide)
             with np.errstate(over="ignore"):
                 near = exact.astype(precision.type)
-            beyond = near < exact if way > 0 else near > exact
-            ends.append(np.where(beyond, np.nextafter(near, precision.type(way)), near))
+            ends.append(np.where(outside(near, exact), np.nextafter(near, precision.type(inwards)), near))
         return ends[0], ends[1]
 
     def holds(self, columns: Any, precision: Precision) -> Any:

@@ -41,6 +41,9 @@ class Compiled(NamedTuple):
     spilled: int | None
     log: str
 
+    def __repr__(self) -> str:
+        return f"Compiled({len(self.binary)} bytes, registers={self.registers}, spilled={self.spilled})"
+
 
 def source(program: Program, format: Format = "double") -> str:
     """The CUDA text, which a C compiler takes as well where it knows `__device__`, `__global__` and `THREAD`.

@@ -75,6 +75,7 @@ _TAPES = "programs/test_tape.py"
 _BRANCHES = tuple(
     f"validated/programs/test_{name}.py" for name in ("sharp_branches_of_lines", "program_claims", "false_programs")
 )
+_CONSTANTS = "validated/programs/test_sharp_program_constants.py"
 _GUARDED = "validated/programs/test_guarded_programs.py"
 _PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
@@ -162,6 +163,7 @@ ROOMS: tuple[Room, ...] = (
             "_numpy_constants",
         ),
         (
+            _CONSTANTS,
             "validated/programs/test_error_sweeps.py",
             "validated/programs/test_sharp_certificates.py",
             "validated/programs/test_false_programs.py",
@@ -225,12 +227,12 @@ ROOMS: tuple[Room, ...] = (
             "_up",
             "_down",
         ),
-        ("validated/programs/test_sharp_certificates.py", _GUARDED),
+        ("validated/programs/test_sharp_certificates.py", _CONSTANTS, _GUARDED),
     ),
     Room(
         "validated/programs/certificate_documents",
         ("read_certificate", "_source_of", "_code_of", "_instruction", "_count", "_text", "_number"),
-        ("validated/programs/test_certificate_documents.py",),
+        ("validated/programs/test_certificate_documents.py", _CONSTANTS),
         (("> _MANY", "left × 2", "how many steps are too many for a file"),),
     ),
     Room("programs/certified_region", ("CertifiedRegion.ends", "CertifiedRegion.holds", "_is_region"), (_GUARDED,)),

@@ -242,6 +242,24 @@ def test_false_sources(program, way):
         ProgramEquations(FALSE_SOURCES[way](program.source))
 
 
+def test_what_is_wrong_with_a_source_is_said(program):
+    """Places and ports that would do no harm elsewhere, or be noticed later."""
+    source = program.source
+    for changed, told in (
+        (source._replace(independent=(False,)), "places that are none"),
+        (source._replace(independent=(source.sizes[0],)), "a place twice"),
+        (
+            source._replace(
+                ports=(*source.ports, source.ports[-1]),
+                samples=tuple((*row, *row[-source.ports[-1][1] :]) for row in source.samples),
+            ),
+            "or twice",
+        ),
+    ):
+        with pytest.raises(NotProvedError, match=told):
+            ProgramEquations(changed)
+
+
 def test_a_reference_may_be_an_input(program):
     """Sizes of what laws read of it stand after the others; here there is nothing to read."""
     source = program.source._replace(sizes=(*program.source.sizes, *_nothing()))

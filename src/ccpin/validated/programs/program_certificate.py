@@ -117,8 +117,7 @@ class ProgramCertificate(Judged):
         """Whether something is a fact about these inputs, on this branch and of these steps."""
         if not is_fact(fact, ProgramComputed):
             return False
-        claim, premises = fact.claim, fact.premises
-        same = len(premises) == len(due) and all(a is b for a, b in zip(premises, due, strict=True))
+        claim, same = fact.claim, fact.premises == tuple(due)  # facts are equal to themselves alone
         return same and np.array_equal(claim.start, self.start) and np.array_equal(claim.bounds, self.bounds)
 
     @property

@@ -216,7 +216,7 @@ def _factor(constant: Any, compiled: float, plain: float | None) -> EnclosedCons
     off, double, single = (
         _distance(constant, numbers) for numbers in ([value], doubles, [float(np.float32(compiled))])
     )
-    power = off == 0.0 and double == 0.0 and abs(math.frexp(value)[0]) == 0.5
+    power = double == 0.0 and abs(math.frexp(value)[0]) == 0.5  # then it is a double, value
     return EnclosedConstant(value, off, double, single, power)
 
 
@@ -230,7 +230,7 @@ def _numpy_constants(code: Code) -> dict[int, float]:
     """What NumPy has for constants, and for factors of products with one."""
     values, found = list[Any]([None] * code.size), dict[int, float]()
     for item in code.instructions:
-        if item.kind == CONSTANT or (item.operands and all(values[number] is not None for number in item.operands)):
+        if all(values[number] is not None for number in item.operands):  # CONSTANT has none
             values[item.target] = value_of(item, values, np)
             found[item.target] = float(values[item.target])
         elif item.kind == SCALE:
