@@ -5,12 +5,12 @@
 // its sign, q′ is smooth and 1/|Y| proportional to d(1 + O(d)). What such a law calls g is a straight line into zero; next
 // to what is passed by it bends away (near an isolated singular point 1/|Y| ~ √(d² + ε²)). Where three points of the walk
 // lie nearly on a line, q′ is followed up to the end in leaps that leave a 4th to a 64th of d, begun by the law and closed
-// by Newton's method. After each det ψ_q′ must have its sign, Y its direction, and g tells anew where the end is, until it
-// is where it was. So down to the walk's shortest step, or to where rounding decides: the walk is trusted as long as |Y|²
-// times the tolerance of closed points is at most `kRounded`, which g says is where. It would stop between two places, then;
-// if q lies beyond these, and has one name from both, singular or out of reach, it is refused. So it is after a walk that
-// went on until no step was trusted, if q lies well beyond. Otherwise nothing is said: what the walk answers depends on none
-// of this. (ccpin.kinematics.dead_ends leaps as well, later and with less to say.)
+// by Newton's method. After each Y must have its direction, which it turns where det ψ_q′ changes its sign, and g tells
+// anew where the end is, until it is where it was. So down to the walk's shortest step, or to where rounding decides: the
+// walk is trusted as long as |Y|² times the tolerance of closed points is at most `kRounded`, which g says is where. It
+// would stop between two places, then; if q lies beyond these, and has one name from both, singular or out of reach, it is
+// refused. So it is after a walk that went on until no step was trusted, if q lies well beyond. Otherwise nothing is said:
+// what the walk answers depends on none of this. (ccpin.kinematics.dead_ends leaps as well, later and with less to say.)
 #pragma once
 #include "continuation.hpp"
 
@@ -220,15 +220,14 @@ class DeadEnds : public Continuation {
   // From where `left` is left of the way to its end to where `goal` is, Y in the same direction.
   bool leaps(const Cluster& c, ClusterState& s, const double* q, Ending kind, double end, double left, double goal) {
     before_leap_ = s.probe;
-    const int sign = s.factor.sign;
     tangent(c, s);
     for (double& x : s.step) x *= kind == Ending::fold ? 2 * (left - std::sqrt(left * goal)) : left - goal;
     move(c, s.step.data());
     target(c, q, end - goal);
-    return settles(c, s, sign) && cosine(before_leap_, s.probe) >= kSameDirection;
+    return settles(c, s) && cosine(before_leap_, s.probe) >= kSameDirection;
   }
-  // Newton's method to the q aimed at, on one side of det ψ_q′ = 0, in corrections that are halved at least each time.
-  bool settles(const Cluster& c, ClusterState& s, int sign) {
+  // Newton's method to the q aimed at, in corrections that are halved at least each time.
+  bool settles(const Cluster& c, ClusterState& s) {
     double last = INFINITY;
     for (int iteration = 0; iteration < kMostSettling; ++iteration) {
       const double size = linearize(c, s, q_ahead_.data());

@@ -10,6 +10,7 @@ import pytest
 
 import ccpin
 from ccpin import programs
+from ccpin.programs.written_numbers import rational_of
 
 Change = Callable[[dict[str, Any]], object]
 
@@ -68,3 +69,11 @@ def test_what_was_written_is_read(document: dict[str, Any], tmp_path: Path) -> N
     path = tmp_path / "as_it_was.json"
     path.write_text(json.dumps(document))
     assert programs.Program.load(path).digest == document["digest"]
+
+
+def test_digits_of_constants_are_bounded_above_and_below() -> None:
+    ones = "1" * 400
+    assert rational_of(f"-{ones}/{ones}", 400) == -1
+    for text in (f"{ones}1/1", f"1/{ones}1"):
+        with pytest.raises(ValueError, match="is no constant"):
+            rational_of(text, 400)

@@ -51,9 +51,8 @@ def _convert(options: argparse.Namespace) -> int:
     else:
         print(f"{options.out} written: {mechanism.name}, n = {mechanism.n}, closed at its reference")
         print(*(f"note: {note}" for note in gathered(notes)), sep="\n", end="\n" if notes else "")
-        print(
-            *(() if checked is None else (f"in MuJoCo, u held: {checked[0]}",)), sep="\n", end="\n" if checked else ""
-        )
+        if checked is not None:
+            print(f"in MuJoCo, u held: {checked[0]}")
     return 0
 
 

@@ -23,7 +23,7 @@ from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation import Settling, exceeded, supervise
 from ccpin.simulation.integration.simulator import METHODS, Simulator
-from ccpin.simulation.results.limit_violations import at_effort_limits
+from ccpin.simulation.results.limit_violations import at_effort_limits, shares_in_words
 from ccpin.simulation.results.metrics import band_in_words, set_point_metrics
 from ccpin.simulation.results.trajectory import Trajectory
 from ccpin.simulation.studies.supervision import SupervisedMotion
@@ -133,7 +133,7 @@ def _write(out: Path, mechanism: Mechanism, trajectory: Trajectory, goals: Array
 
 
 def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[str, Any], out: Path | None) -> str:
-    cut = ", ".join(f"{name} for {share:.0%}" for name, share in at_effort_limits(mechanism, trajectory.u).items())
+    cut = shares_in_words(at_effort_limits(mechanism, trajectory.u))
     lines = [note for note in trajectory.notes if HELD in note]
     lines += [f"efforts at their limits: {cut} of the samples (--effort-limits ignore leaves them out)"] if cut else []
     lines += [

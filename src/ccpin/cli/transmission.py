@@ -16,6 +16,8 @@ from ccpin.cli.command import add_command, complete, positive
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.errors import InvalidInputError
+from ccpin.transmission.polytopes import Polytope
+from ccpin.transmission.posture import Posture
 from ccpin.transmission.shortcuts import SHORTCUTS, compare
 from ccpin.transmission.surveys import Survey, survey
 from ccpin.transmission.swing import Swing
@@ -126,23 +128,19 @@ def _facts(found: Survey, effort: Array | None, speed: Array | None) -> dict[str
 def _limits(found: Survey, name: str, limits: Array | None) -> dict[str, Any]:
     """Polytopes at the reference and over the range: what each joint has alone, and the largest boxes."""
 
-    def polytope(posture: Any) -> Any:
+    def polytope(posture: Posture) -> Polytope:
         return posture.torque_polytope(effort=limits) if name == "effort" else posture.speed_polytope(speed=limits)
 
     here, all_of_them = polytope(found.transmission.reference), [polytope(posture) for posture in found.postures]
-    around = here.bounds
+    around, box = here.bounds, here.largest_box()
+    shape = np.maximum(box, 1e-300)  # all that is in every one of them: how large a part of the first one's box
+    common = min(float((each.largest_box(shape) / shape).min()) for each in (here, *all_of_them))
     return {
         "alone": _over(around[1], np.array([each.bounds[1] for each in all_of_them])),
         "share": here.volume / float(np.prod(around[1] - around[0])),
-        "box": here.largest_box().tolist(),
-        "box_sampled": (_common([here, *all_of_them]) * here.largest_box()).tolist(),
+        "box": box.tolist(),
+        "box_sampled": (common * box).tolist(),
     }
-
-
-def _common(polytopes: Sequence[Any]) -> float:
-    """How large a part of the first one's largest box is in all."""
-    box = polytopes[0].largest_box()
-    return min(float((each.largest_box(np.maximum(box, 1e-300)) / np.maximum(box, 1e-300)).min()) for each in polytopes)
 
 
 def _over(here: Array, everywhere: Array) -> dict[str, list[float]]:

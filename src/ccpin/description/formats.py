@@ -209,16 +209,19 @@ def _recognised(source: Source) -> Format:
     found = next((known for known in FORMATS.values() if known.recognises(source)), None)
     if found is not None:
         return _fitting(found, source)
-    of_xml = list({known.root: known for known in reversed(FORMATS.values()) if known.root is not None}.values())[::-1]
+    of_root = dict[str, Format]()  # the first of each
+    for each in FORMATS.values():
+        if each.root is not None:
+            of_root.setdefault(each.root, each)
     if source.is_xml:
         from ccpin.description.elements.xml import tag
 
         _refuse_xacro(source)
-        known = ", ".join(f"<{known.root}> ({known.title})" for known in of_xml)
+        known = ", ".join(f"<{known.root}> ({known.title})" for known in of_root.values())
         message = f"the root element <{tag(source.root)}> is none of {known}"
     else:
         keys = " or ".join(f"'{known.key}'" for known in FORMATS.values() if known.root is None)
-        titles = ", ".join(known.title for known in of_xml)
+        titles = ", ".join(known.title for known in of_root.values())
         message = f"neither XML ({titles}) nor a file with a {keys} key"
     raise AmbiguousFormatError(message, source=str(source.file))
 

@@ -105,7 +105,7 @@ def drives_of(mechanism: Mechanism, q_free: Array | None = None, free: FreeSyste
     _, singular, right = np.linalg.svd(acts if acts.size else np.zeros((1, len(names))))
     driven = int(np.sum(singular > _ROUNDING * singular.max(initial=0.0)))
     loose = _named(names, np.abs(right[driven:]).max(axis=0, initial=0.0) > _LOOSE)
-    limits = np.sort(mechanism.motors.gears[:, None] * mechanism.motors.limits, axis=1)
+    limits = mechanism.motors.joint_limits
     load = _load(mechanism, FreeSystem(tree) if free is None else free, here, rho)
     standing, balanced = _standing(*load, acts.T, limits, len(acts) > driven)
     of_each = zip(

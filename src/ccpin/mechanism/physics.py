@@ -61,6 +61,11 @@ class Motors(NamedTuple):
     gears: Array
     limits: Array
 
+    @property
+    def joint_limits(self) -> Array:
+        """Bounds of the efforts on their joints, behind gears of either sign, lower and upper, of shape (motors, 2)."""
+        return np.sort(self.gears[:, None] * self.limits, axis=1)
+
 
 def motors_of(description: MechanismDescription, tree: Tree, actuated: tuple[str, ...]) -> Motors:
     """The motors of the actuated joints (or components), plain ones where the description says nothing of them."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -39,6 +38,7 @@ from ccpin.programs.instructions import (
 )
 from ccpin.programs.lowering import Pivot
 from ccpin.programs.sine_cosine import DOUBLE
+from ccpin.programs.written_numbers import count_of, rational_of, rational_text
 
 if TYPE_CHECKING:
     from ccpin.programs.program_sources import ProgramSource
@@ -53,11 +53,10 @@ _OPERANDS: dict[int, tuple[int, ...]] = {  # how many each kind has: of sine and
     GAIN: (2,), ROOT: (1,), RECIPROCAL: (1,), ANGLE: (2,),
 }  # fmt: skip
 _FORMAT, _VERSION = "ccpin.program", 1
-_MOST = 10**7  # values of a program that is read
+_DIGITS = 400  # of a constant
 _NONE = (  # what reading no program raises
     OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError,
 )  # fmt: skip
-_RATIONAL = re.compile(r"-?\d{1,400}/\d{1,400}")  # no exponents, of which a few letters are a number without end
 SMALL_PIVOT = 1e-6  # of its size at the samples: a state at which a solve divides by less is refused
 
 
@@ -289,7 +288,7 @@ def _program_of(document: Any) -> Program:
     if document["version"] != _VERSION or type(document["version"]) is not int:
         raise ValueError(f"it is of version {document['version']}, this ccpin reads {_VERSION}")
     reads, gives = (tuple(map(_port_of, document[side])) for side in ("inputs", "outputs"))
-    count, size = sum(port.size for port in reads), _whole(document["size"])
+    count, size = sum(port.size for port in reads), count_of(document["size"])
     instructions, defined = list[Instruction](), set(range(count))
     for entry in document["instructions"]:
         item = _read(entry)
@@ -297,8 +296,8 @@ def _program_of(document: Any) -> Program:
             raise ValueError(f"instruction {entry} has operands that are not there")
         defined.add(item.target)
         instructions.append(item)
-    results, corrections = (tuple(map(_whole, document[key])) for key in ("results", "corrections"))
-    pivots = tuple(Pivot(_whole(number), _number(scale, 0.0)) for number, scale in document["pivots"])
+    results, corrections = (tuple(map(count_of, document[key])) for key in ("results", "corrections"))
+    pivots = tuple(Pivot(count_of(number), _number(scale, 0.0)) for number, scale in document["pivots"])
     asked = {*results, *corrections, *(pivot.number for pivot in pivots)}
     if not defined.issuperset(asked) or len(results) != sum(port.size for port in gives):
         raise ValueError("its outputs are not there")
@@ -312,18 +311,11 @@ def _program_of(document: Any) -> Program:
 
 
 def _port_of(entry: Any) -> Port:
-    shape, entries = tuple(map(_whole, entry["shape"])), tuple(map(str, entry["entries"]))
+    shape, entries = tuple(map(count_of, entry["shape"])), tuple(map(str, entry["entries"]))
     port = Port(str(entry["name"]), shape, str(entry["unit"]), entries)
     if len(entries) != port.size:
         raise ValueError(f"{port.name} has {len(entries)} entries for {port.size} numbers")
     return port
-
-
-def _whole(value: Any) -> int:
-    """A number that a list can have of entries."""
-    if type(value) is not int or not 0 <= value <= _MOST:
-        raise ValueError(f"{value!r} is no whole number from 0 to {_MOST}")
-    return value
 
 
 def _number(text: str, above: float = -math.inf) -> float:
@@ -335,7 +327,7 @@ def _number(text: str, above: float = -math.inf) -> float:
 
 
 def _written(item: Instruction) -> list[Any]:
-    constant = [] if item.constant is None else [f"{item.constant.numerator}/{item.constant.denominator}"]
+    constant = [] if item.constant is None else [rational_text(item.constant)]
     operands = [item.a, item.b] if item.kind == GAIN else list(item.operands)
     return [WORDS[item.kind], item.target, *operands, *constant]
 
@@ -345,16 +337,14 @@ def _read(entry: Any) -> Instruction:
     kind, constant = _KINDS[word], None
     if kind in (CONSTANT, SCALE):
         *rest, text = rest
-        if not _RATIONAL.fullmatch(text):
-            raise ValueError(f"{text[:40]!r} is no constant")
-        constant = Fraction(text)
+        constant = rational_of(text, _DIGITS)
         if abs(constant) >= 2**1000:
             raise ValueError(f"a constant of {len(text)} letters that no double is near")
-    operands = tuple(map(_whole, rest))
+    operands = tuple(map(count_of, rest))
     if len(operands) not in _OPERANDS[kind]:
         raise ValueError(f"'{word}' of {len(operands)} operands")
     a, b = (*operands, None, None)[:2]
-    return Instruction(kind, _whole(target), a, b, constant)
+    return Instruction(kind, count_of(target), a, b, constant)
 
 
 def _entries(ports: Sequence[Port]) -> list[str]:

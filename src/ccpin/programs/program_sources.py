@@ -15,7 +15,8 @@ from ccpin.programs.lowering import Pivot, lowered
 from ccpin.programs.tape import Expression, Tape
 
 Table = Any  # an array of expressions
-INPUTS = ("v", "u", "a", "p", "h", "q_d", "v_d", "a_d", "g_d")  # of what is recorded, after x
+REFERENCE = ("q_d", "v_d", "a_d", "g_d")  # of laws whose reference moves
+INPUTS = ("v", "u", "a", "p", "h", *REFERENCE)  # of what is recorded, after x
 
 
 class ProgramSource(NamedTuple):

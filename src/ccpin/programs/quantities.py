@@ -15,6 +15,7 @@ from ccpin.control.references import ReferenceState
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
+from ccpin.programs.program_sources import REFERENCE
 from ccpin.programs.recording.constants import Constants, Parameter
 from ccpin.programs.recording.recorded_laws import (
     efforts,
@@ -27,8 +28,6 @@ from ccpin.programs.recording.recorded_laws import (
 from ccpin.programs.recording.recorded_mechanism import Numbering, RecordedModel, recorded_model
 from ccpin.programs.recording.recorded_tree import Table, exact, exact_placement, rational
 from ccpin.programs.tape import Tape
-
-REFERENCE = "q_d", "v_d", "a_d", "g_d"  # inputs of laws whose reference moves
 
 
 class TapedModel(NamedTuple):

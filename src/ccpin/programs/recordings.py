@@ -15,8 +15,8 @@ from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.programs.instructions import Code
 from ccpin.programs.program import Port, Program
-from ccpin.programs.program_sources import INPUTS, ProgramSource, assembled
-from ccpin.programs.quantities import QUANTITIES, REFERENCE, TapedModel, along, jacobian_of, pose_of, taped_model
+from ccpin.programs.program_sources import INPUTS, REFERENCE, ProgramSource, assembled
+from ccpin.programs.quantities import QUANTITIES, TapedModel, along, jacobian_of, pose_of, taped_model
 from ccpin.programs.recording.constants import Parameter, parameters_of
 from ccpin.programs.recording.recorded_laws import recorded_law
 from ccpin.programs.recording.recorded_mechanism import Numbering, numbering

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -22,6 +21,7 @@ from ccpin.transmission.motor_bounds import stated_efforts
 from ccpin.transmission.posture import Posture
 from ccpin.transmission.transmission import Transmission
 from ccpin.validated.programs.branch_claim import CELLS, BranchOverCells, cells_of, tubes
+from ccpin.validated.programs.certifying import corners_of
 from ccpin.validated.programs.program_equations import ProgramEquations, runnable
 from ccpin.validated.programs.proposals import proposed_branch
 
@@ -114,11 +114,7 @@ def certify_effort_box(
     """
     instance(transmission, "transmission", Transmission)
     model, n = transmission.joint_model, transmission.n
-    if not isinstance(region, Sequence) or isinstance(region, str) or len(region) != 2:
-        raise InvalidInputError("region must be the lower and the upper numbers of q_j")
-    lower, upper = vector(region[0], "region[0]", n), vector(region[1], "region[1]", n)
-    if not (lower < upper).all():
-        raise InvalidInputError("region: every lower number must be below the upper one")
+    lower, upper = corners_of(region, "region", n)
     least, most = stated_efforts(model, transmission.motors, effort)
     room = np.minimum(most, -least)
     if not (room > 0.0).all():

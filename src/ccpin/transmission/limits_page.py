@@ -12,7 +12,7 @@ from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.pages.html_page import Section, render
 from ccpin.pages.parts import figure, paragraphs, preformatted, table
-from ccpin.transmission.pictures import plot_limits
+from ccpin.transmission.pictures import UNITS, plot_limits
 from ccpin.transmission.posture import Posture
 from ccpin.transmission.surveys import Survey
 
@@ -21,6 +21,8 @@ _DRAWING = """
 <svg id="polygon" viewBox="-110 -110 220 220" width="420" height="420" role="img" aria-label="joint efforts">
 <line x1="-105" x2="105" y1="0" y2="0" stroke="currentColor" opacity=".3"/>
 <line y1="-105" y2="105" x1="0" x2="0" stroke="currentColor" opacity=".3"/>
+<text id="across" x="108" y="-4" text-anchor="end" font-size="7" fill="currentColor"/>
+<text id="up" x="4" y="-101" font-size="7" fill="currentColor"/>
 <polygon id="box" fill="none" stroke="#009e73" stroke-dasharray="4 3"/>
 <polygon id="efforts" fill="#0072b2" fill-opacity=".15" stroke="#0072b2" stroke-width="1.5"/></svg>
 <pre id="numbers"></pre></div>
@@ -46,6 +48,7 @@ _DRAWING = """
     document.getElementById("box").setAttribute("points", [[w, h], [w, -h], [-w, -h], [-w, h]].map(place).join(" "));
     document.getElementById("numbers").textContent = at.words;
   }
+  ["across", "up"].forEach((id, k) => { document.getElementById(id).textContent = told.axes[k]; });
   show();
 })();
 </script>
@@ -94,20 +97,24 @@ def _postures(found: Survey, effort: ArrayLike | None) -> str:
     polytopes = [posture.torque_polytope(effort=effort) for posture in found.postures]
     reached = np.array([posture.q_joint for posture in found.postures])
     corners = [polytope.vertices for polytope in polytopes]
+    boxes = [polytope.largest_box() for polytope in polytopes]
+    scale = np.abs(np.vstack(corners)).max(axis=0)
+    of_each = zip(found.transmission.joints, scale, found.transmission.joint_side.units, strict=True)
     told = {
         "joints": list(found.transmission.joints),
+        "axes": [f"{joint}: {most:.3g} {UNITS[unit][0]}" for joint, most, unit in of_each],
         "lower": reached.min(axis=0).tolist(),
         "upper": reached.max(axis=0).tolist(),
         "start": found.postures[0].q_joint.tolist(),
-        "scale": np.abs(np.vstack(corners)).max(axis=0).tolist(),
+        "scale": scale.tolist(),
         "postures": [
             {
                 "q": posture.q_joint.tolist(),
                 "corners": corner.tolist(),
-                "box": polytope.largest_box().tolist(),
-                "words": _words(posture, polytope.largest_box()),
+                "box": box.tolist(),
+                "words": _words(posture, box),
             }
-            for posture, corner, polytope in zip(found.postures, corners, polytopes, strict=True)
+            for posture, corner, box in zip(found.postures, corners, boxes, strict=True)
         ],
     }
     return json.dumps(told).replace("<", "\\u003c")

@@ -21,12 +21,11 @@ def stated_efforts(model: ReducedModel, motors: tuple[str, ...], effort: ArrayLi
     if effort is not None:
         most = one_each(motors, effort, "effort")
         return -most, most
-    stated = model.mechanism.motors
-    ends = stated.limits * stated.gears[:, None]
+    ends = model.mechanism.motors.joint_limits
     unknown = [name for name, each in zip(motors, ends, strict=True) if not np.isfinite(each).all()]
     if unknown:
         raise InvalidInputError(f"no limit of effort is stated of {', '.join(unknown)}: give effort=")
-    return ends.min(axis=1), ends.max(axis=1)
+    return ends[:, 0], ends[:, 1]
 
 
 def at_speed(

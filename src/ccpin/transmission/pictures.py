@@ -16,7 +16,7 @@ from ccpin.transmission.shortcuts import Comparison
 from ccpin.transmission.surveys import Survey, survey
 from ccpin.transmission.transmission import Transmission
 
-_UNITS = {"rad": ("N m", "rad/s"), "m": ("N", "m/s")}
+UNITS = {"rad": ("N m", "rad/s"), "m": ("N", "m/s")}
 
 
 def plot_limits(
@@ -63,7 +63,7 @@ def _polygons(axes: Any, found: Survey, polytopes: Sequence[Polytope], which: in
     axes.plot(
         *(box[:, None] * [[1, 1, -1, -1, 1], [1, -1, -1, 1, 1]]), "--", color=COLOURS[2], label="largest box there"
     )
-    labels = [f"{name} [{_UNITS[unit][which]}]" for name, unit in zip(joints, units, strict=True)]
+    labels = [f"{name} [{UNITS[unit][which]}]" for name, unit in zip(joints, units, strict=True)]
     axes.set(xlabel=labels[0], ylabel=labels[1], title=("effort", "speed")[which])
     axes.legend(loc="upper right", fontsize=8, framealpha=0.85, edgecolor="none")
 
@@ -76,7 +76,8 @@ def _curves(axes: Any, found: Survey, polytopes: Sequence[Polytope], which: int)
     low, high = (np.array([polytopes[k].bounds[end][0] for k in order]) for end in (0, 1))
     axes.fill_between(q, low, high, color=COLOURS[1], alpha=0.2)
     axes.plot(q, low, q, high, color=COLOURS[1])
-    axes.set(xlabel=f"{joint} [{unit}]", ylabel=f"{joint} [{_UNITS[unit][which]}]", title=("effort", "speed")[which])
+    axes.locator_params(axis="x", nbins=5)
+    axes.set(xlabel=f"{joint} [{unit}]", ylabel=f"{joint} [{UNITS[unit][which]}]", title=("effort", "speed")[which])
 
 
 def plot_shortcuts(comparisons: Sequence[Comparison], title: str | None = None) -> Figure:

@@ -177,8 +177,7 @@ def motor_loads(
     along = _along(instance(transmission, "transmission", Transmission), motion, near, whole(samples, "samples", 2))
     efforts = _exact(along)
     speeds = np.array([posture.motor_velocity(v) for posture, v in zip(along.postures, along.v, strict=True)])
-    stated = transmission.joint_model.mechanism.motors
-    most = np.abs(stated.limits * stated.gears[:, None]).min(axis=1)
+    most = np.abs(transmission.joint_model.mechanism.motors.joint_limits).min(axis=1)
     peak = np.abs(efforts).max(axis=0)
     rms = np.sqrt(_mean_square(along.t, efforts))
     return MotorLoads(transmission.motors, rms, peak, np.abs(speeds).max(axis=0), peak / most)

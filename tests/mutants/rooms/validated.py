@@ -231,9 +231,14 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "validated/programs/certificate_documents",
-        ("read_certificate", "_source_of", "_code_of", "_instruction", "_count", "_text", "_number"),
+        ("read_certificate", "_source_of", "_code_of", "_instruction", "_text", "_number"),
         ("validated/programs/test_certificate_documents.py", _CONSTANTS),
         (("> _MANY", "left × 2", "how many steps are too many for a file"),),
+    ),
+    Room(
+        "programs/written_numbers",
+        ("LARGEST", "count_of", "rational_of"),
+        ("programs/test_damaged_programs.py", "validated/programs/test_certificate_documents.py"),
     ),
     Room("programs/certified_region", ("CertifiedRegion.ends", "CertifiedRegion.holds", "_is_region"), (_GUARDED,)),
     Room(
@@ -748,7 +753,7 @@ EXCUSED: tuple[Excused, ...] = (
     Excused("validated/programs/certifying", (), "proposes starts and cuts: the claims say what is proved"),
     Excused(
         "validated/programs/certificate_documents",
-        ("CERTIFIED_PROGRAM", "_LARGEST", "_MANY", "write_certificate", "_source_text", "_written", "_counts"),
+        ("CERTIFIED_PROGRAM", "_MANY", "_DIGITS", "write_certificate", "_source_text", "_written", "_counts"),
         "what files look like, and from which sizes on they are refused: what is read is proved again",
     ),
     Excused(

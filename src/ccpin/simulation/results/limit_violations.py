@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
 from ccpin.arrays import Array, instance
@@ -57,6 +58,11 @@ def at_effort_limits(mechanism: Mechanism, u: Array) -> dict[str, float]:
     for motor, share in zip(mechanism.motors.each, at, strict=True):
         shares[motor.joint] = max(shares.get(motor.joint, 0.0), float(share))
     return {name: share for name, share in shares.items() if share > 0.0}
+
+
+def shares_in_words(shares: Mapping[str, float]) -> str:
+    """Joints, and for which share of the samples."""
+    return ", ".join(f"{name} for {share:.0%}" for name, share in shares.items())
 
 
 def beyond_limits(mechanism: Mechanism, t: Array, q_free: Array, v_free: Array, u: Array) -> tuple[Exceeded, ...]:

@@ -16,7 +16,7 @@ from ccpin.dynamics.wrenches import Pushes, Wrenches
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.results.forces import PeakForce, closure_forces, joint_forces
-from ccpin.simulation.results.limit_violations import at_effort_limits
+from ccpin.simulation.results.limit_violations import at_effort_limits, shares_in_words
 from ccpin.simulation.results.trajectory import Trajectory
 
 _SIMULATED = (
@@ -108,9 +108,8 @@ def _given(mechanism: Mechanism, trajectory: Trajectory) -> Iterator[str]:
     """Which efforts are the motors' limits, and whether these hold the mechanism, as the motion's notes have it."""
     at = at_effort_limits(mechanism, trajectory.u)
     if at:
-        told = ", ".join(f"{name} for {share:.0%}" for name, share in at.items())
         yield (
-            f"peak_effort is what the motors gave, at their limits: {told} of the samples; simulated with "
-            'limits=Limits(effort="ignore") it is what the motion takes'
+            f"peak_effort is what the motors gave, at their limits: {shares_in_words(at)} of the samples; "
+            'simulated with limits=Limits(effort="ignore") it is what the motion takes'
         )
         yield from (note for note in trajectory.notes if HELD in note)

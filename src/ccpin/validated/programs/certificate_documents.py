@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +21,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.programs.instructions import CONSTANT, INPUT, PART, SCALE, SOLVE, Code, Instruction, LinearSystem
 from ccpin.programs.program import WORDS, Program, program_of_text
 from ccpin.programs.program_sources import ProgramSource
+from ccpin.programs.written_numbers import count_of, rational_of, rational_text
 from ccpin.proof.facts import Unproved
 from ccpin.proof.theorems import theorems
 from ccpin.schemas import Field, Schema
@@ -52,8 +51,7 @@ _THEOREMS = ("program_branch", "program_steps", "program_rounding", "sine_cosine
 _TUBES = ("counts", "centre", "slopes", "radius", "preconditioner")
 _WORDS = {**WORDS, INPUT: "input", SOLVE: "solve", PART: "part"}
 _KINDS = {word: kind for kind, word in _WORDS.items()}
-_LARGEST, _MANY = 10**7, 64  # values of a program and Newton's steps: more are no program, but a means to fill a memory
-_RATIONAL = re.compile(r"-?\d{1,4000}/\d{1,4000}")
+_MANY, _DIGITS = 64, 4000  # Newton's steps, and digits of a constant: more are a means to fill a memory
 
 
 class StatedClaims(NamedTuple):
@@ -119,7 +117,7 @@ def _source_text(source: ProgramSource) -> str:
 def _written(code: Code) -> dict[str, Any]:
     lines = []
     for item in code.instructions:
-        constant = None if item.constant is None else f"{item.constant.numerator}/{item.constant.denominator}"
+        constant = None if item.constant is None else rational_text(item.constant)
         lines.append([_WORDS[item.kind], item.target, item.a, item.b, constant])
     return code._asdict() | {"instructions": lines}
 
@@ -133,15 +131,15 @@ def _source_of(document: Mapping[str, Any]) -> ProgramSource:
     found = dict(document)
     found |= {name: _code_of(found[name]) for name in ("closure", "inner")}
     found |= {name: _counts(found[name]) for name in ("independent", "sizes")}
-    found["ports"] = tuple((_text(name), _count(size)) for name, size in found["ports"])
+    found["ports"] = tuple((_text(name), count_of(size)) for name, size in found["ports"])
     found["samples"] = tuple(tuple(map(_number, row)) for row in found["samples"])
-    if _count(found["steps"]) > _MANY:
+    if count_of(found["steps"]) > _MANY:
         raise ValueError(f"more than {_MANY} steps")
     return ProgramSource(**found)
 
 
 def _code_of(document: Any) -> Code:
-    size, inputs = _count(document["size"]), _count(document["inputs"])
+    size, inputs = count_of(document["size"]), count_of(document["inputs"])
     if inputs > size:
         raise ValueError(f"a program of {size} values")
     return Code(size, inputs, tuple(map(_instruction, document["instructions"])), _counts(document["outputs"]))
@@ -153,26 +151,18 @@ def _instruction(entry: Any) -> Instruction:
     if kind == SOLVE:
         b = LinearSystem(*(tuple(map(_counts, table)) for table in b))
     elif b is not None:
-        _count(b)
+        count_of(b)
     if a is not None:
-        _count(a)
+        count_of(a)
     if kind in (CONSTANT, SCALE):
-        if not _RATIONAL.fullmatch(constant):
-            raise ValueError(f"{constant!r:.40} is no rational")
-        constant = Fraction(constant)
+        constant = rational_of(constant, _DIGITS)
     elif constant is not None:
         raise ValueError("a constant of an operation that has none")
-    return Instruction(kind, _count(target), a, b, constant)
+    return Instruction(kind, count_of(target), a, b, constant)
 
 
 def _counts(values: Any) -> tuple[int, ...]:
-    return tuple(map(_count, values))
-
-
-def _count(value: Any) -> int:
-    if type(value) is not int or not 0 <= value <= _LARGEST:
-        raise ValueError(f"{value!r:.40} is no number of something")
-    return value
+    return tuple(map(count_of, values))
 
 
 def _text(value: Any) -> str:

@@ -63,11 +63,11 @@ def certify_program(
         equations = ProgramEquations(program.source)
     except NotProvedError as error:
         raise UnsupportedMechanismError(f"no certificate of '{program.name}': {error}") from None
-    m, corners = equations.n_y, _corners(region, "region", len(program.source.independent))
+    m, corners = equations.n_y, corners_of(region, "region", len(program.source.independent))
     if (parameters is None) != (program.source.sizes[4] == 0):
         raise InvalidInputError("parameters must be lower and upper numbers of p where the program reads it, else none")
     if parameters is not None:
-        known = _corners(parameters, "parameters", program.source.sizes[4])
+        known = corners_of(parameters, "parameters", program.source.sizes[4])
         corners = [np.concatenate(pair) for pair in zip(corners, known, strict=True)]
     most = bounds_of(program, instance(bounds, "bounds", Mapping, "bounds of inputs by name"))
     asked = tuple(choice(name, "formats", [each.name for each in FORMATS]) for name in records(formats, "formats", str))
@@ -83,7 +83,7 @@ def certify_program(
     return search.best(starts, whole(max_cells, "max_cells"))
 
 
-def _corners(given: tuple[ArrayLike, ArrayLike], name: str, size: int) -> list[Array]:
+def corners_of(given: tuple[ArrayLike, ArrayLike], name: str, size: int) -> list[Array]:
     """Lower and upper numbers of a box.
 
     Raises:
