@@ -14,10 +14,11 @@ from ccpin.cli.command import add_command, complete, positive
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.description.formats import write_description
+from ccpin.dynamics.changed_constants import with_constants
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.files import writable_target, write_atomically
-from ccpin.identification.consistency import consistent, with_constants
+from ccpin.identification.consistency import consistent
 from ccpin.identification.estimation import identify
 from ccpin.identification.explained import explained
 from ccpin.identification.log import Log

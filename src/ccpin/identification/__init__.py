@@ -1,6 +1,7 @@
 """From a robot's log to its model: motions that show it, what was measured, the motion behind that, and constants."""
 
-from ccpin.identification.consistency import consistent, with_constants
+from ccpin.dynamics.changed_constants import with_constants
+from ccpin.identification.consistency import consistent
 from ccpin.identification.estimation import identify
 from ccpin.identification.excitation import excitation
 from ccpin.identification.explained import explained

@@ -2,8 +2,8 @@
 
 A log's motion is smoothed first (`ccpin.identification.smoothing`); each sample with all efforts gives the n rows of
 Y(q, q̇, q̈) π = ρᵀSᵀu (22). What the rows tell apart is β = Vᵀ S π (`ccpin.identification.effects`); with Σ the
-efforts' noise, found from the residuals, β̂ = B Wᵀ Σ⁻¹ τ with B = (Wᵀ Σ⁻¹ W)⁻¹. Its covariance is
-C = B Wᵀ Σ⁻¹ Ω Σ⁻¹ W B, Ω the residuals' autocovariance: an encoder's noise reaches q̈ smoothed, and is not white.
+efforts' noise, found from the residuals, β̂ = C Wᵀ Σ⁻¹ τ and its covariance is C = (Wᵀ Σ⁻¹ W)⁻¹. What an encoder's noise
+leaves in q̈ is not white, but has next to nothing of the slow changes that motions make: C counts it as if it were.
 (C. Atkeson, C. An and J. Hollerbach, Estimation of inertial parameters of manipulator loads and links, International
 Journal of Robotics Research 5, 1986; M. Gautier, Numerical calculation of the base inertial parameters, 1991.)
 
@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import qr
-from scipy.signal import fftconvolve
 
 from ccpin.arrays import Array, records
 from ccpin.dynamics.parameters import DynamicParameters
@@ -30,7 +29,6 @@ from ccpin.mechanism.mechanism import Mechanism
 
 _SURE = 4.0  # standard deviations of a velocity within which its sign is not known
 _PASSES = 5
-_LAGS = 200  # samples over which what is left may be correlated: smoothed encoder noise is
 _COUNTS = 1e-9  # of a combination's largest multiple: smaller ones are rounding
 
 
@@ -153,24 +151,8 @@ def _weighted(W: Array, tau: Array) -> tuple[Array, Array, Array]:
         off = tau - (W @ beta).reshape(-1, n)
         deviation = np.sqrt((off**2).sum(axis=0) / (len(tau) - r / n))
         deviation = np.maximum(deviation, 1e-14 * np.abs(tau).max())
-    weighted = W / np.tile(deviation, len(tau))[:, None]
-    inverse = np.linalg.inv(np.linalg.qr(weighted)[1])
-    bread = inverse @ inverse.T
-    return beta, bread @ _spread(weighted.reshape(len(tau), n, -1), off / deviation) @ bread, deviation
-
-
-def _spread(W: Array, left: Array) -> Array:
-    """Wᵀ Ω W, Ω block Toeplitz of what is left of the n rows of each sample: its autocovariance in Parzen's window."""
-    count, n = left.shape
-    lags = min(_LAGS, count // 4)
-    share = np.abs(np.arange(-lags, lags + 1)) / (lags + 1)
-    window = np.where(share <= 0.5, 1.0 - 6.0 * share**2 * (1.0 - share), 2.0 * (1.0 - share) ** 3)
-    total = np.zeros((W.shape[2], W.shape[2]))
-    for i in range(n):
-        for j in range(n):
-            both = fftconvolve(left[:, i], left[::-1, j])[count - 1 - lags : count + lags] / count * window
-            total += W[:, i].T @ fftconvolve(W[:, j], both[:, None], mode="same", axes=0)
-    return (total + total.T) / 2.0
+    inverse = np.linalg.inv(np.linalg.qr(W / np.tile(deviation, len(tau))[:, None])[1])
+    return beta, inverse @ inverse.T, deviation
 
 
 def _estimate(
