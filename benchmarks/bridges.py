@@ -28,9 +28,17 @@ def main(names: Sequence[str] = MODELS, rows: int = ROWS, repeats: int = REPEATS
         sizes = [port.size for port in program.inputs]
         row = np.split(np.array(program.example), np.cumsum(sizes)[:-1])
         print(Path(name).stem)
-        print(f"  CasADi  {casadi(program, row, repeats)}")
-        print(f"  JAX     {jax(program, row, rows, repeats)}")
-    print(f"rpdr\n  Crocoddyl  {crocoddyl(repeats)}")
+        print(f"  CasADi  {where_installed(partial(casadi, program, row, repeats))}")
+        print(f"  JAX     {where_installed(partial(jax, program, row, rows, repeats))}")
+    print(f"rpdr\n  Crocoddyl  {where_installed(partial(crocoddyl, repeats))}")
+
+
+def where_installed(measure: Callable[[], str]) -> str:
+    """What is measured, or why not: a package is not installed."""
+    try:
+        return measure()
+    except (ImportError, ccpin.CcpinError) as error:
+        return f"not measured: {error}"
 
 
 def spent(does: Callable[[], Any], repeats: int, calls: int = 1) -> float:
