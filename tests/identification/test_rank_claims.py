@@ -10,9 +10,9 @@ from ccpin.proof.facts import NotProvedError, prove
 from tests.support.forces import FOUR_BAR, arm, read
 
 pytest.importorskip("flint")
-from ccpin.identification.base_parameters import base_parameters
+from ccpin.identification.identifiable import base_parameters
 from ccpin.identification.rank_claims import IndependentColumns
-from ccpin.identification.recorded_motions import recorded_motions
+from ccpin.identification.recorded_twists import recorded_motions
 from ccpin.validated.arithmetic.balls import ball, flint
 
 BITS = 120

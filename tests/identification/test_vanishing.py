@@ -11,7 +11,7 @@ from tests.support.strategies import mechanisms
 
 pytest.importorskip("flint")
 from ccpin.identification.exact_spaces import doubles, invariant_span, null_space, reduced
-from ccpin.identification.recorded_motions import recorded_motions
+from ccpin.identification.recorded_twists import recorded_motions
 from ccpin.identification.vanishing import identities
 from ccpin.validated.arithmetic.balls import flint
 

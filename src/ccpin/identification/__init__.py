@@ -3,7 +3,7 @@
 Needs python-flint (the extra ``validated``), which is imported when a function is called.
 """
 
-from ccpin.identification.base_parameters import base_parameters
+from ccpin.identification.identifiable import base_parameters
 
 __all__ = ["base_parameters"]
 __dir__ = __all__.copy

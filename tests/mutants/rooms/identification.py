@@ -47,6 +47,6 @@ ROOMS = (
 )
 
 EXCUSED = (
-    Excused("identification/base_parameters", (), "proposes; `rank_claims` checks"),
-    Excused("identification/recorded_motions", (), "records; claims are about what was recorded, as told in tests"),
+    Excused("identification/identifiable", (), "proposes; `rank_claims` checks"),
+    Excused("identification/recorded_twists", (), "records; claims are about what was recorded, as told in tests"),
 )

@@ -16,7 +16,7 @@ from ccpin.errors import CcpinError
 from ccpin.identification.exact_spaces import doubles
 from ccpin.identification.identification_equations import IdentificationEquations
 from ccpin.identification.rank_claims import IndependentColumns, VanishingCombinations, stacked_forms
-from ccpin.identification.recorded_motions import recorded_motions
+from ccpin.identification.recorded_twists import recorded_motions
 from ccpin.identification.vanishing import identities
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.facts import Fact, prove
