@@ -13,6 +13,7 @@ pytest.importorskip("flint")
 from ccpin.identification.identifiable import base_parameters
 from ccpin.identification.rank_claims import IndependentColumns
 from ccpin.identification.recorded_twists import recorded_motions
+from ccpin.identification.vanishing import identities
 from ccpin.validated.arithmetic.balls import ball, flint
 
 BITS = 120
@@ -82,6 +83,13 @@ def test_dependent_columns_are_refused(known):
             prove(false, *premises)
 
 
+def test_a_minor_that_is_exactly_zero_is_refused(known):
+    """A form of masses knows no damper."""
+    false, premises = changed(known, chosen=[0], columns=[known.parameters.names.index("damping:joint1")])
+    with pytest.raises(NotProvedError, match="minor"):
+        prove(false, *premises)
+
+
 def test_misshapen_claims_are_refused(known):
     """Constants and forms that are none, rows without a column, other closures, no premises."""
     claim, premises = known.facts[0].claim, known.facts[0].premises
@@ -113,10 +121,11 @@ def test_combinations_that_structure_does_not_show_are_refused(known):
     """One that is none, and one twice; those that are chosen stand in echelon form, from the last on."""
     claim, found = known.facts[1].claim, known.facts[1].found["combinations"][0]
     assert found.shape == (len(claim.chosen), len(known.parameters))
+    count = len(identities(claim.equations.bodies, claim.equations.ends, claim.equations.gravity))
     last = [int(np.flatnonzero(row)[-1]) for row in found]
     np.testing.assert_array_equal(found[:, last], np.eye(len(found)))
     with pytest.raises(NotProvedError, match="does not show"):
-        prove(replace(claim, chosen=np.append(claim.chosen, 10_000)))
+        prove(replace(claim, chosen=np.append(claim.chosen, count)))
     with pytest.raises(NotProvedError, match="depend on each other"):
         prove(replace(claim, chosen=np.append(claim.chosen, claim.chosen[:1])))
 
