@@ -13,6 +13,7 @@ from ccpin import (
     description,
     domain,
     dynamics,
+    identification,
     mechanism,
     plotting,
     programs,
@@ -34,7 +35,7 @@ from ccpin.simulation.plant.stick_slip import friction_force
 from ccpin.simulation.results.forces import closure_forces_at
 
 ROOMS = ("control", "description", "domain", "dynamics", "mechanism", "plotting", "simulation", "transmission")
-ROOMS += ("validated",)
+ROOMS += ("identification", "validated")
 WRONG = (None, "rpbr", -1, np.nan, [], [[1.0, 2.0]], np.zeros((3, 3)), {"a": 1}, [object()], np.ones(2) * 1j, 10**400)
 FLAGS = {"floating_base", "loop", "open_browser", "failures", "proved", "workers", "executor", "checkpoint"}
 # What these hold is given by ccpin, or looked at where it is used.
@@ -91,6 +92,7 @@ class Bench:
             "efforts": None,
             "part": "linear",
             "loads": None,
+            "v_r": None,
             "target": self.effector.pose(self.q),
         }
         found = {}
@@ -497,6 +499,12 @@ TABLES = {
     "description": _description,
     "domain": _domain,
     "dynamics": _dynamics,
+    "identification": lambda b: {
+        "base_parameters": (
+            identification.base_parameters,
+            {"mechanism": b.whole, "states": 1, "precision": 60},
+        )
+    },
     "mechanism": _mechanism,
     "plotting": _plotting,
     "simulation": _simulation,

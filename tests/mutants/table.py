@@ -19,6 +19,7 @@ from tests.mutants.rooms import (
     covering,
     domain,
     folds_and_cusps,
+    identification,
     proof,
     sheets,
     singular,
@@ -40,12 +41,13 @@ _AREAS = (
     folds_and_cusps,
     stability,
     validated,
+    identification,
     transmission,
     auditing,
 )
 ROOMS: tuple[Room, ...] = tuple(room for area in _AREAS for room in area.ROOMS)
 EXCUSED: tuple[Excused, ...] = tuple(place for area in _AREAS for place in area.EXCUSED)
-WHOLE: tuple[str, ...] = ("auditing", "control/stability", "covering", "domain", "proof", "validated")
+WHOLE: tuple[str, ...] = ("auditing", "control/stability", "covering", "domain", "identification", "proof", "validated")
 
 
 class Mutant(NamedTuple):

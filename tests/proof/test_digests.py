@@ -216,6 +216,7 @@ def two_objects():
     rooms = (
         "dynamics",
         "domain",
+        "identification",
         "control",
         "simulation",
         "validated",

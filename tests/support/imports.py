@@ -28,6 +28,7 @@ ORDER = (
     "programs",
     "simulation",
     "validated",
+    "identification",
     "visualization",
     "plotting",
     "pages",

@@ -22,9 +22,9 @@ from ccpin.dynamics.derivatives import (
     InverseDynamicsDerivatives,
 )
 from ccpin.dynamics.free_system import Energy, FreeSystem
+from ccpin.dynamics.linear_forces import regressor
 from ccpin.dynamics.parameters import DynamicParameters, dynamic_parameters
 from ccpin.dynamics.reference_backend import ReferenceBackend
-from ccpin.dynamics.regressor import regressor
 from ccpin.dynamics.state import Near, ReducedTerms, State
 from ccpin.dynamics.wrenches import Wrenches, wrench_rows
 from ccpin.errors import InvalidInputError

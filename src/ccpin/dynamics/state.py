@@ -16,9 +16,9 @@ from ccpin.dynamics.derivatives import (
     InverseDynamicsDerivatives,
 )
 from ccpin.dynamics.free_system import Energy
+from ccpin.dynamics.linear_forces import energy_regressor, regressor
 from ccpin.dynamics.reference_backend import ModelLike as ReferenceModel
 from ccpin.dynamics.reference_backend import ReferenceBackend, locked
-from ccpin.dynamics.regressor import energy_regressor, regressor
 from ccpin.dynamics.wrenches import Applied, Wrenches, applied_wrenches, wrench_rows
 from ccpin.errors import UnderactuatedError
 from ccpin.kinematics.parametrization import ClosedPoint

@@ -31,7 +31,7 @@ for _k, (_i, _j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
     _INERTIA[_i, _k, _j] = _INERTIA[_j, _k, _i] = 1.0
 
 
-class _Tree(NamedTuple):
+class _Placed(NamedTuple):
     """Joint frames and velocities at N configurations, in world axes.
 
     Attributes:
@@ -73,7 +73,7 @@ def regressor(
     wrench += 0.5 * (_force_crossed(V, _momentum(V_r)) + _force_crossed(V_r, _momentum(V)))
     bodies = np.einsum("sbin,sbik->snbk", twists, wrench)
     joints = [_joint_columns(j, rho, q_free, a_free, v_r_free, np.sign(v_free)) for j in tree.joints]
-    return np.concatenate([bodies.reshape(*rho.shape[::2], -1), *joints], axis=2)
+    return np.concatenate([bodies.reshape(*rho.shape[::2], BODY * len(tree.joints)), *joints], axis=2)
 
 
 def energy_regressor(tree: Tree, free: FreeSystem, q_free: Array, v_free: Array) -> Array:
@@ -87,10 +87,10 @@ def energy_regressor(tree: Tree, free: FreeSystem, q_free: Array, v_free: Array)
     return np.concatenate([bodies.ravel(), *(_joint_energy(j, q_free, v_free) for j in tree.joints)])
 
 
-def _moved(free: FreeSystem, q_free: Array, v_free: Array) -> _Tree:
+def _moved(free: FreeSystem, q_free: Array, v_free: Array) -> _Placed:
     """Where the bodies are and how joints move them."""
     count, number, nv = len(q_free), free.model.njoints - 1, free.model.nv
-    found = _Tree(*(np.empty((count, *shape)) for shape in ((number, 3, 3), (number, 3), (6, nv), (6, nv))))
+    found = _Placed(*(np.empty((count, *shape)) for shape in ((number, 3, 3), (number, 3), (6, nv), (6, nv))))
     with free.scratch.lent() as data:
         for k in range(count):
             pin.computeJointJacobiansTimeVariation(free.model, data, q_free[k], v_free[k])
@@ -105,7 +105,7 @@ def _supports(tree: Tree) -> Array:
     return np.array([tree.support(joint.number) for joint in tree.joints]).reshape(-1, tree.model.nv)
 
 
-def _carried(placed: _Tree, jacobian: Array, masks: Array, along: Array) -> Array:
+def _carried(placed: _Placed, jacobian: Array, masks: Array, along: Array) -> Array:
     """Twists of the bodies about their origins in their axes, along columns of q̇′: (N, n′, k) → (N, B, 6, k)."""
     world = np.einsum("sij,bj,sjk->sbik", jacobian, masks, along, optimize=True)
     linear, angular = world[:, :, :3], world[:, :, 3:]
