@@ -12,12 +12,12 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import ccpin
 from ccpin.identification import Log, consistent, excitation, identify
-from ccpin.identification.excitation import Excitation
 
 MODELS = {"rpdr": (0.35, 3.0), "four_bar": (0.35, 3.0), "planar_3rrr": (0.2, 2.0), "delta": (0.3, 3.0)}
 """Half width of the box of q, and speed."""
@@ -71,7 +71,7 @@ def told(name: str, runs: int, consistently: bool) -> None:
     print(f"; {each:.1f} s a robot", flush=True)
 
 
-def along(model: ccpin.ReducedModel, motion: Excitation) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]:
+def along(model: ccpin.ReducedModel, motion: Any) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]:
     """Times, Y and (q, q̇, q̈) of a motion at the log's rate."""
     t = np.arange(0.0, DURATION, 1.0 / RATE)
     states = tuple(np.array(rows) for rows in zip(*map(motion.reference.at, t), strict=True))

@@ -28,7 +28,6 @@ ORDER = (
     "programs",
     "simulation",
     "validated",
-    "identification",
     "visualization",
     "plotting",
     "pages",

@@ -29,6 +29,7 @@ from ccpin.mechanism.mechanism import Mechanism
 
 _SURE = 4.0  # standard deviations of a velocity within which its sign is not known
 _PASSES = 5
+_SMOOTHNESS = 0.3  # a third of what serves the motion best: what is cut off peaks of q̈ would come back as constants
 _COUNTS = 1e-9  # of a combination's largest multiple: smaller ones are rounding
 
 
@@ -105,7 +106,7 @@ def identify(
     for log in logs:
         if missing := [name for name in model.mechanism.actuated if f"u_{name}" not in log.columns]:
             raise InvalidInputError(f"no column 'u_{missing[0]}' in {log!r}: each motor's effort must be measured")
-    motions = tuple(smoothed(log, model, spacing=spacing, noise=noise) for log in logs)
+    motions = tuple(smoothed(log, model, spacing=spacing, noise=noise, smoothness=_SMOOTHNESS) for log in logs)
     equations = [_equations(model, motion, "friction" in kinds) for motion in motions]
     Y, tau = (np.concatenate(parts) for parts in list(zip(*equations, strict=True))[:2])
     left = sum(each[2] for each in equations)

@@ -33,7 +33,7 @@ _FINE = 25  # samples between two of the search's, where limits are looked at in
 _PENALTY, _NOWHERE = 1e2, 1e6
 
 
-class Limits(NamedTuple):
+class MotionLimits(NamedTuple):
     """What a motion must keep within, of shape (n,) each; efforts of shape (motors,)."""
 
     lower: Array
@@ -122,7 +122,7 @@ def excitation(
         named = ", ".join(part.name for part in model.coordinates.parts if part.whole is not None)
         raise UnsupportedMechanismError(f"an excitation takes coordinates that are plain numbers, which {named} is not")
     n, duration = model.n, positive(duration, "duration", "a positive number of seconds")
-    limits = Limits(
+    limits = MotionLimits(
         vector(lower, "lower", n),
         vector(upper, "upper", n),
         _each(speed, "speed", n),
@@ -131,7 +131,7 @@ def excitation(
     if np.any(limits.upper <= limits.lower):
         raise InvalidInputError("upper must be above lower in each coordinate")
     begin = (limits.lower + limits.upper) / 2.0 if start is None else vector(start, "start", n)
-    search = _Search(
+    search = _MotionSearch(
         model,
         duration,
         limits,
@@ -158,14 +158,14 @@ def excitation(
     raise InvalidInputError("no motion within the limits was found that stays on its branch: narrow lower and upper")
 
 
-class _Search:
+class _MotionSearch:
     """Waypoints looked for: q(t) is linear in what they are away from the start."""
 
     def __init__(
         self,
         model: ReducedModel,
         duration: float,
-        limits: Limits,
+        limits: MotionLimits,
         start: Array,
         count: int,
         criterion: str,

@@ -25,17 +25,17 @@ TIMES = ("t", "time", "tout")
 """What a column of times is called, unless it is said."""
 
 
-class Column(NamedTuple):
+class Sampled(NamedTuple):
     """One measured quantity: its times and its values, of shape (K,) each."""
 
     t: Array
     values: Array
 
 
-Columns = dict[str, Column]
+Recorded = dict[str, Sampled]
 
 
-def recorded(path: Path, time: str | None) -> Columns:
+def recorded(path: Path, time: str | None) -> Recorded:
     """All columns of a file by name.
 
     Raises:
@@ -164,17 +164,17 @@ def _flat(arrays: Mapping[str, np.ndarray[Any, Any]]) -> dict[str, Array]:
     return flat
 
 
-def _with_times(table: Mapping[str, Array], time: str | None) -> Columns:
+def _with_times(table: Mapping[str, Array], time: str | None) -> Recorded:
     called = next((name for name in ((time,) if time else TIMES) if name in table), None)
     if called is None:
         raise InvalidInputError(
             f"no column of times {time or ' or '.join(TIMES)}; there are {', '.join(table) or 'none'}"
         )
     t = table[called]
-    return {name: Column(t, values) for name, values in table.items() if name != called and values.shape == t.shape}
+    return {name: Sampled(t, values) for name, values in table.items() if name != called and values.shape == t.shape}
 
 
-def _of_ros(path: Path) -> Columns:
+def _of_ros(path: Path) -> Recorded:
     """Joint states of all topics by joint; times from the first stamp of all."""
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
@@ -195,7 +195,7 @@ def _of_ros(path: Path) -> Columns:
     first, found = min(at for rows in samples.values() for at, _ in rows), {}
     for name, rows in samples.items():
         stamps, values = zip(*sorted(rows), strict=True)
-        found[name] = Column(np.array([stamp - first for stamp in stamps]) * 1e-9, np.array(values))
+        found[name] = Sampled(np.array([stamp - first for stamp in stamps]) * 1e-9, np.array(values))
     return found
 
 

@@ -78,7 +78,7 @@ class Measurements(NamedTuple):
     s: Array
 
 
-class Fit(NamedTuple):
+class SplineFit(NamedTuple):
     """A minimiser.
 
     Attributes:
@@ -94,7 +94,7 @@ class Fit(NamedTuple):
     residuals: Array
 
 
-def fitted(rows: Measurements, penalty: Any, n: int) -> Fit:
+def fitted(rows: Measurements, penalty: Any, n: int) -> SplineFit:
     """The minimiser for a penalty matrix Σ λ_i ∫ q⃛_i² = cᵀ P c.
 
     Raises:
@@ -110,10 +110,10 @@ def fitted(rows: Measurements, penalty: Any, n: int) -> Fit:
     c = cho_solve_banded((factor, True), weighted.T @ (rows.y / rows.s))
     inverse = _inverse_band(factor)
     told = inverse * _band(normal, width)
-    return Fit(c.reshape(-1, n), inverse, float(2.0 * told.sum() - told[0].sum()), rows.y - rows.matrix @ c)
+    return SplineFit(c.reshape(-1, n), inverse, float(2.0 * told.sum() - told[0].sum()), rows.y - rows.matrix @ c)
 
 
-def variances(fit: Fit, rows: Any) -> Array:
+def variances(fit: SplineFit, rows: Any) -> Array:
     """x_rᵀ A⁻¹ x_r for rows within the band, of shape (R,)."""
     rows = rows.tocsr()
     count = np.diff(rows.indptr)[0]

@@ -20,7 +20,7 @@ from ccpin.arrays import Array, instance, positive
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.identification.log import Log, one_position, position
-from ccpin.identification.penalized_splines import DEGREE, Fit, Knots, Measurements, fitted, spread, variances
+from ccpin.identification.penalized_splines import DEGREE, Knots, Measurements, SplineFit, fitted, spread, variances
 from ccpin.mechanism.mechanism import Mechanism
 
 _BEYOND = 5.0  # standard deviations: Gaussian noise is farther off once in 1.7 million samples
@@ -68,7 +68,7 @@ class _Alone(NamedTuple):
     kept: Array
     noise: float
     weight: float
-    fit: Fit
+    fit: SplineFit
 
 
 def smoothed(
@@ -77,6 +77,7 @@ def smoothed(
     *,
     spacing: float | None = None,
     noise: Mapping[str, float] | None = None,
+    smoothness: float = 1.0,
 ) -> Smoothed:
     """The motion behind a log.
 
@@ -86,6 +87,7 @@ def smoothed(
         spacing: Seconds between the spline's knots, well below the shortest time in which the motion turns; by default
             two samples, or a two-thousandth of the log.
         noise: Standard deviations of columns, SI units, where they are known (an encoder's step over √12, say).
+        smoothness: How much is smoothed, over what cross-validation or noise asks for: less has less bias, and is noisier.
 
     Raises:
         InvalidInputError: A coordinate is not measured, a column is of no joint, or there are too few samples.
@@ -103,6 +105,7 @@ def smoothed(
         raise InvalidInputError(f"no column 'q_{missing[0]}' in {log!r}: each independent coordinate must be measured")
     if unknown := [name for name in known if name not in log.columns or name[0] == "u"]:
         raise InvalidInputError(f"noise is stated of '{unknown[0]}', which is no position or velocity of {log!r}")
+    positive(smoothness, "smoothness")
     if spacing is None:
         spacing = max(2.0 * float(np.median(np.diff(log.t))), (log.t[-1] - log.t[0]) / _MOST_KNOTS)
     knots = Knots.over(log.t[0], log.t[-1], positive(spacing, "spacing", "a time in seconds"))
@@ -111,7 +114,7 @@ def smoothed(
     alone, outliers = {}, []
     for name, column in measured.items():
         stated = positive(known[name], f"the noise of '{name}'") if name in known else None
-        alone[name], found = _alone(name, log.t, column, knots, basis[0], stated)
+        alone[name], found = _alone(name, log.t, column, knots, basis[0], stated, smoothness)
         outliers += found
     weights = np.array([alone[f"q_{part.name}"].weight for part in parts])
     penalty = sparse.kron(knots.roughness(), sparse.diags_array(weights)).tocsr()
@@ -127,14 +130,14 @@ def smoothed(
     return Smoothed(log.t, q, v, a, u, q_deviation, v_deviation, a_deviation, told, left_out)
 
 
-def _deviations(fit: Fit, design: Any, n: int) -> Array:
+def _deviations(fit: SplineFit, design: Any, n: int) -> Array:
     """Standard deviations of the coordinates' values or derivatives, of shape (T, n)."""
     units = (np.tile(unit, (design.shape[0], 1)) for unit in np.eye(n))
     return np.sqrt(np.column_stack([variances(fit, spread(design, each)) for each in units]))
 
 
 def _alone(
-    name: str, t: Array, column: Array, knots: Knots, basis: Any, stated: float | None
+    name: str, t: Array, column: Array, knots: Knots, basis: Any, stated: float | None, smoothness: float
 ) -> tuple[_Alone, list[Outlier]]:
     """A column smoothed by itself; samples beyond five standard deviations go, the worst of each stretch first."""
     roughness, kept, outliers = knots.roughness(), ~np.isnan(column), list[Outlier]()
@@ -143,7 +146,7 @@ def _alone(
         if kept.sum() <= DEGREE:
             raise InvalidInputError(f"'{name}' has {kept.sum()} samples that count; a motion takes more")
         matrix, y = basis[kept], column[kept]
-        fit, weight = _chosen(matrix, y, roughness, stated)
+        fit, weight = _chosen(matrix, y, roughness, stated, smoothness)
         left = max(kept.sum() - fit.freedom, 1.0)
         usual = 1.4826 * float(np.median(np.abs(fit.residuals))) * np.sqrt(kept.sum() / left)
         about = 1.4826 * median_filter(np.abs(fit.residuals), _ABOUT, mode="nearest")
@@ -158,12 +161,12 @@ def _alone(
         kept[np.flatnonzero(kept)[worst]] = False
 
 
-def _chosen(matrix: Any, y: Array, roughness: Any, stated: float | None) -> tuple[Fit, float]:
+def _chosen(matrix: Any, y: Array, roughness: Any, stated: float | None, smoothness: float) -> tuple[SplineFit, float]:
     """The fit of a column whose weight cross-validates best, or leaves residuals as large as its noise explains."""
     rows, count = Measurements(matrix, y, np.ones(len(y))), len(y)
     unit = float((matrix.T @ matrix).trace() / roughness.trace())
 
-    def tried(logarithm: float) -> tuple[Fit, float]:
+    def tried(logarithm: float) -> tuple[SplineFit, float]:
         weight = unit * 10.0**logarithm
         return fitted(rows, weight * roughness, 1), weight
 
@@ -179,7 +182,7 @@ def _chosen(matrix: Any, y: Array, roughness: Any, stated: float | None) -> tupl
     found = minimize_scalar(
         score, bounds=(grid[least] - 1.0, grid[least] + 1.0), method="bounded", options={"xatol": 0.02}
     )
-    return tried(float(found.x) - 0.5)
+    return tried(float(found.x) + float(np.log10(smoothness)))
 
 
 def _together(
@@ -189,7 +192,7 @@ def _together(
     alone: Mapping[str, _Alone],
     penalty: Any,
     c: Array,
-) -> Fit:
+) -> SplineFit:
     """All sensors fitted at once, by Gauss and Newton's iteration from the coordinates' own splines."""
     own = {f"q_{part.name}": k for k, part in enumerate(model.coordinates.parts)}
     others = [name for name in measured if name not in own]
