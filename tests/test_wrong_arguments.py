@@ -372,6 +372,47 @@ def _program(b):
     return {"program": program, "region": box, "bounds": {}, "start": 1e-6, "formats": ("double",), "max_cells": 1}
 
 
+def _identification(b):
+    """A log of four seconds of the RPDR about its reference."""
+    t = np.linspace(0.0, 4.0, 400)
+    q = b.q + 0.1 * np.sin(np.outer(t, [3.0, 5.0]) + [0.0, 1.0])
+    names = b.whole.independent
+    columns = {f"{s}_{name}": q[:, k] for k, name in enumerate(names) for s in "qu"}
+    log = identification.Log(t, columns)
+    path = b.folder / "log.csv"
+    log.save(path)
+    smoothing = {"spacing": 0.05, "noise": {"q_joint1": 1e-3}}
+    estimate = identification.identify(b.model, log, kinds=("inertia",), **smoothing)
+    limits = {"lower": b.q - 0.1, "upper": b.q + 0.1, "speed": 1.0, "effort": None, "start": b.q}
+    search = {"kinds": ("friction",), "waypoints": 2, "criterion": "trace", "starts": 1, "iterations": 0, "seed": 0}
+    return {
+        "base_parameters": (identification.base_parameters, {"mechanism": b.whole, "states": 1, "precision": 60}),
+        "consistent": (identification.consistent, {"model": b.model, "estimate": estimate, "doubt": 10.0}),
+        "excitation": (identification.excitation, {"model": b.model, "duration": 1.0} | limits | search),
+        "explained": (
+            identification.explained,
+            {"model": b.model, "parameters": b.model.parameters, "log": log} | smoothing,
+        ),
+        "identify": (identification.identify, {"model": b.model, "logs": [log], "kinds": ("inertia",)} | smoothing),
+        "Log": (identification.Log, {"t": t, "columns": columns, "source": "a log"}),
+        "Log.read": (
+            identification.Log.read,
+            {"path": path, "columns": {"q_joint1": "q_joint1"}, "units": {"q": "deg"}, "time": "t"},
+        ),
+        "Log.save": (log.save, {"path": path}),
+        "Log.between": (log.between, {"begin": 0.0, "end": 1.0}),
+        "Log.delayed": (log.delayed, {"seconds": {"u": 0.01}}),
+        "smoothed": (
+            identification.smoothed,
+            {"log": log, "model": b.model, "smoothness": 1.0} | smoothing,
+        ),
+        "with_constants": (
+            identification.with_constants,
+            {"model": b.model, "parameters": b.model.parameters},
+        ),
+    }
+
+
 def _transmission(b):
     found = transmission.Transmission(b.whole, ["joint3", "joint4"])
     posture, q = found.reference, found.reference.q_joint
@@ -499,12 +540,7 @@ TABLES = {
     "description": _description,
     "domain": _domain,
     "dynamics": _dynamics,
-    "identification": lambda b: {
-        "base_parameters": (
-            identification.base_parameters,
-            {"mechanism": b.whole, "states": 1, "precision": 60},
-        )
-    },
+    "identification": _identification,
     "mechanism": _mechanism,
     "plotting": _plotting,
     "simulation": _simulation,

@@ -47,7 +47,7 @@ _AREAS = (
 )
 ROOMS: tuple[Room, ...] = tuple(room for area in _AREAS for room in area.ROOMS)
 EXCUSED: tuple[Excused, ...] = tuple(place for area in _AREAS for place in area.EXCUSED)
-WHOLE: tuple[str, ...] = ("auditing", "control/stability", "covering", "domain", "identification", "proof", "validated")
+WHOLE: tuple[str, ...] = ("auditing", "control/stability", "covering", "domain", "proof", "validated")
 
 
 class Mutant(NamedTuple):

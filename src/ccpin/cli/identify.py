@@ -20,7 +20,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.files import writable_target, write_atomically
 from ccpin.identification.consistency import consistent
 from ccpin.identification.estimation import identify
-from ccpin.identification.explained import explained
+from ccpin.identification.explained_efforts import explained
 from ccpin.identification.log import Log
 
 _EXAMPLES = """\
@@ -66,7 +66,7 @@ def _identify(options: argparse.Namespace) -> int:
         notes = write_description(with_constants(model, chosen), options.out)
         written.append(str(options.out))
     if options.report:
-        from ccpin.identification.estimate_page import estimate_page
+        from ccpin.identification.constants_page import estimate_page
 
         before, after = (
             [explained(model, each, log, **smoothing) for log in logs] for each in (model.parameters, chosen)

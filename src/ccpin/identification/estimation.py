@@ -1,7 +1,7 @@
 """The constants of a mechanism from logs: weighted least squares of Y π = ρᵀSᵀu, with its covariance.
 
 A log's motion is smoothed first (`ccpin.identification.smoothing`); each sample with all efforts gives the n rows of
-Y(q, q̇, q̈) π = ρᵀSᵀu (22). What the rows tell apart is β = Vᵀ S π (`ccpin.identification.effects`); with Σ the
+Y(q, q̇, q̈) π = ρᵀSᵀu (22). What the rows tell apart is β = Vᵀ S π (`ccpin.identification.felt_combinations`); with Σ the
 efforts' noise, found from the residuals, β̂ = C Wᵀ Σ⁻¹ τ and its covariance is C = (Wᵀ Σ⁻¹ W)⁻¹. What an encoder's noise
 leaves in q̈ is not white, but has next to nothing of the slow changes that motions make: C counts it as if it were.
 (C. Atkeson, C. An and J. Hollerbach, Estimation of inertial parameters of manipulator loads and links, International
@@ -22,7 +22,7 @@ from ccpin.arrays import Array, records
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
-from ccpin.identification.effects import Effects, Motions, effects, kinds_of
+from ccpin.identification.felt_combinations import Effects, Motions, checked_kinds, effects
 from ccpin.identification.log import Log
 from ccpin.identification.smoothing import Smoothed, smoothed
 from ccpin.mechanism.mechanism import Mechanism
@@ -102,7 +102,7 @@ def identify(
     logs = records([logs] if isinstance(logs, Log) else logs, "logs", Log)
     if not logs:
         raise InvalidInputError("no log: there is nothing to learn from")
-    kinds = kinds_of(model) if kinds is None else tuple(kinds)
+    kinds = checked_kinds(kinds, model)
     for log in logs:
         if missing := [name for name in model.mechanism.actuated if f"u_{name}" not in log.columns]:
             raise InvalidInputError(f"no column 'u_{missing[0]}' in {log!r}: each motor's effort must be measured")

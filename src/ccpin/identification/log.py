@@ -51,7 +51,9 @@ class Log(Record):
         if not np.all(np.diff(times) > 0.0):
             row = int(np.argmin(np.diff(times) > 0.0)) + 1
             raise InvalidInputError(f"{self.source}: t[{row}] = {times[row]:.9g} s is not after the time before it")
-        kept = {name: frozen(numbers(column, name)) for name, column in dict(self.columns).items()}
+        kept = {
+            name: frozen(numbers(column, name)) for name, column in instance(self.columns, "columns", Mapping).items()
+        }
         for name, column in kept.items():
             if name[:2] not in {f"{quantity}_" for quantity in QUANTITIES}:
                 raise InvalidInputError(f"{self.source}: '{name}' must begin with q_, v_ or u_, then a joint's name")
@@ -98,6 +100,8 @@ class Log(Record):
         """
         if not isinstance(path, str | Path):
             raise InvalidInputError(f"a log to read must be a path, not {type(path).__name__}")
+        for said, what in ((columns, "columns"), (units, "units")):
+            instance(said, what, Mapping) if said is not None else None
         with nullcontext() if Path(path).is_dir() else told_of(path):
             found = recorded(Path(path), time)
             named = (
@@ -143,6 +147,8 @@ class Log(Record):
         Raises:
             InvalidInputError: Another suffix, or the file cannot be written.
         """
+        if not isinstance(path, str | Path):
+            raise InvalidInputError(f"a file to write must be a path, not {type(path).__name__}")
         write_table({"t": self.t, **self.columns}, Path(path))
 
     def between(self, begin: float, end: float) -> Log:
@@ -159,6 +165,7 @@ class Log(Record):
         Raises:
             InvalidInputError: There is no such column.
         """
+        instance(seconds, "seconds", Mapping)
         late = {name: number(_said(name, seconds, 0.0), f"the delay of '{name}'") for name in self.columns}
         _known(seconds, self.columns)
         shifted = {name: (self.t - late[name], column) for name, column in self.columns.items()}

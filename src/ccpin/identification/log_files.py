@@ -25,14 +25,14 @@ TIMES = ("t", "time", "tout")
 """What a column of times is called, unless it is said."""
 
 
-class Sampled(NamedTuple):
+class Channel(NamedTuple):
     """One measured quantity: its times and its values, of shape (K,) each."""
 
     t: Array
     values: Array
 
 
-Recorded = dict[str, Sampled]
+Recorded = dict[str, Channel]
 
 
 def recorded(path: Path, time: str | None) -> Recorded:
@@ -171,7 +171,7 @@ def _with_times(table: Mapping[str, Array], time: str | None) -> Recorded:
             f"no column of times {time or ' or '.join(TIMES)}; there are {', '.join(table) or 'none'}"
         )
     t = table[called]
-    return {name: Sampled(t, values) for name, values in table.items() if name != called and values.shape == t.shape}
+    return {name: Channel(t, values) for name, values in table.items() if name != called and values.shape == t.shape}
 
 
 def _of_ros(path: Path) -> Recorded:
@@ -195,7 +195,7 @@ def _of_ros(path: Path) -> Recorded:
     first, found = min(at for rows in samples.values() for at, _ in rows), {}
     for name, rows in samples.items():
         stamps, values = zip(*sorted(rows), strict=True)
-        found[name] = Sampled(np.array([stamp - first for stamp in stamps]) * 1e-9, np.array(values))
+        found[name] = Channel(np.array([stamp - first for stamp in stamps]) * 1e-9, np.array(values))
     return found
 
 

@@ -87,7 +87,7 @@ def smoothed(
         spacing: Seconds between the spline's knots, well below the shortest time in which the motion turns; by default
             two samples, or a two-thousandth of the log.
         noise: Standard deviations of columns, SI units, where they are known (an encoder's step over √12, say).
-        smoothness: How much is smoothed, over what cross-validation or noise asks for: less has less bias, and is noisier.
+        smoothness: The penalty's weight over what cross-validation or noise asks for: less has less bias.
 
     Raises:
         InvalidInputError: A coordinate is not measured, a column is of no joint, or there are too few samples.
@@ -95,7 +95,7 @@ def smoothed(
         ConvergenceError: Fitting all sensors together did not converge.
         ConfigurationNotFoundError: Smoothed coordinates are out of reach.
     """
-    model, known = model_of(model), dict(noise or {})
+    model, known = model_of(model), {} if noise is None else dict(instance(noise, "noise", Mapping))
     instance(log, "log", Log)
     parts = model.coordinates.parts
     if not model.coordinates.scalar:

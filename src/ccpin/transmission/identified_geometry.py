@@ -29,7 +29,7 @@ class IdentifiedGeometry(NamedTuple):
             shape (k,), the first r those of observable ones.
         directions: A basis of what is not observable, of shape (k − r, k).
         residuals: What is left of q̂_m where the joints' errors are taken over to it, rad or m, of shape (N, n).
-        misfit: √(S/(N n − r)), S the sum of squares over their variances: about 1 where noise is as stated and the model true.
+        misfit: √(S/(N n − r)), S the weighted sum of squares: about 1 where noise is as stated and the model true.
         iterations: Steps of Gauss–Newton.
         description: The mechanism with this geometry, to load or to convert; encoders' offsets are not in it.
     """

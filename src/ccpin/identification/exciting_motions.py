@@ -1,8 +1,8 @@
 """Motions that show a mechanism's constants: within its limits, on its branch, and as telling as can be found.
 
 A motion is a spline through waypoints (`ccpin.control.Waypoints`), from rest to rest. With W = Y S⁻¹ V stacked over its
-samples (`ccpin.identification.effects`), the covariance of the estimate is (WᵀW)⁻¹ times the noise's variance: what is
-made small is the condition number of W, or the trace of (WᵀW)⁻¹ (J. Swevers et al., Optimal robot excitation and
+samples (`ccpin.identification.felt_combinations`), the covariance of the estimate is (WᵀW)⁻¹ times the noise's
+variance: what is made small is the condition number of W, or the trace of (WᵀW)⁻¹ (J. Swevers et al., Optimal robot excitation and
 identification, IEEE Transactions on Robotics and Automation 13, 1997).
 """
 
@@ -23,7 +23,7 @@ from ccpin.domain import certify_path
 from ccpin.domain.paths.path import CertifiedPath
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
-from ccpin.identification.effects import Effects, Motions, effects, kinds_of
+from ccpin.identification.felt_combinations import Effects, Motions, checked_kinds, effects
 from ccpin.identification.log_files import write_table
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -138,7 +138,7 @@ def excitation(
         begin,
         whole(waypoints, "waypoints", 2),
         choice(criterion, "criterion", get_args(Criterion)),
-        kinds_of(model) if kinds is None else tuple(kinds),
+        checked_kinds(kinds, model),
     )
     if search.share(np.zeros((search.count, n))) > 1.0:
         raise InvalidInputError(f"the start q = {begin.tolist()} is outside the limits, or takes more effort to hold")

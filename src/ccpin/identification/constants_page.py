@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.identification.estimation import Estimate
-from ccpin.identification.explained import Explained
+from ccpin.identification.explained_efforts import Explained
 from ccpin.pages.html_page import Section, render
 from ccpin.pages.parts import figure, paragraphs, table
 from ccpin.plotting.style import COLOURS, Figure, drawing

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices
+from ccpin.arrays import Array, Indices, records
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 
@@ -51,6 +51,20 @@ def kinds_of(model: ReducedModel) -> tuple[str, ...]:
     """What is looked at where nobody says: inertias, motors', dampers, friction, and springs where there are any."""
     springs = np.any(model.parameters.values[model.parameters.of("stiffness", "offset")])
     return ("inertia", "armature", "damping", "friction", *(("stiffness", "offset") if springs else ()))
+
+
+def checked_kinds(kinds: object, model: ReducedModel) -> tuple[str, ...]:
+    """Kinds of parameters, at least one; ``None``: `kinds_of`.
+
+    Raises:
+        InvalidInputError: They are no words.
+    """
+    if kinds is None:
+        return kinds_of(model)
+    found = records(kinds, "kinds", str) if not isinstance(kinds, str) else (kinds,)
+    if not found:
+        raise InvalidInputError("kinds: there is none")
+    return found
 
 
 def effects(model: ReducedModel, box: Motions, kinds: Sequence[str], seed: int = 0) -> Effects:
