@@ -2,8 +2,8 @@
 
 A motion is a spline through waypoints (`ccpin.control.Waypoints`), from rest to rest. With W = Y S⁻¹ V stacked over its
 samples (`ccpin.identification.felt_combinations`), the covariance of the estimate is (WᵀW)⁻¹ times the noise's
-variance: what is made small is the condition number of W, or the trace of (WᵀW)⁻¹ (J. Swevers et al., Optimal robot excitation and
-identification, IEEE Transactions on Robotics and Automation 13, 1997).
+variance: what is made small is the condition number of W, or the trace of (WᵀW)⁻¹ (J. Swevers et al., Optimal robot
+excitation and identification, IEEE Transactions on Robotics and Automation 13, 1997).
 """
 
 from __future__ import annotations

@@ -100,8 +100,10 @@ class Log(Record):
         """
         if not isinstance(path, str | Path):
             raise InvalidInputError(f"a log to read must be a path, not {type(path).__name__}")
-        for said, what in ((columns, "columns"), (units, "units")):
-            instance(said, what, Mapping) if said is not None else None
+        if columns is not None:
+            instance(columns, "columns", Mapping)
+        if units is not None:
+            instance(units, "units", Mapping)
         with nullcontext() if Path(path).is_dir() else told_of(path):
             found = recorded(Path(path), time)
             named = (
