@@ -26,10 +26,29 @@ def floats(rows):
 SPRUNG = arm('<motor joint="j1"/>', j1='stiffness="5"', j2='stiffness="40"', j3='stiffness="2.5"')
 
 
-@pytest.mark.parametrize("described", ["rpdr", "delta", SPRUNG, FOUR_BAR], ids=["rpdr", "delta", "arm", "four_bar"])
+def on_a_circle():
+    """The five-bar with a joint whose angle is known up to whole turns, and can have no spring."""
+    described = ccpin.load("rpdr").description
+    joints = (replace(j, kind="continuous") if j.name == "joint3" else j for j in described.joints)
+    return replace(described, joints=tuple(joints))
+
+
+def test_friction_at_rest_is_of_either_sign(known):
+    """Where no joint moves every friction between −c and c may be."""
+    equations = known.facts[0].claim.equations
+    forms = equations.forms([*_state(known)[: equations.loop.n_x], ball(0), ball(0)])
+    entries = [x for row in forms[-2:] for x in row if x != 0 or not x.is_exact()]
+    assert entries
+    assert all(x.contains(0) and not x.is_exact() for x in entries)
+
+
+@pytest.mark.parametrize(
+    "described", ["rpdr", "delta", SPRUNG, FOUR_BAR, None], ids=["rpdr", "delta", "arm", "four_bar", "circle"]
+)
 def test_forms_are_read_off_the_regressor(described):
     """D_ij and g_i from Y at rest, B_ij and f_i from Y of dampers and friction at a velocity."""
-    mechanism = ccpin.load(described if described in ("rpdr", "delta") else read(described))
+    given = on_a_circle() if described is None else described
+    mechanism = ccpin.load(read(given) if given in (SPRUNG, FOUR_BAR) else given)
     model, rng = ccpin.ReducedModel(mechanism), np.random.default_rng(1)
     state = model.at(model.coordinates.integrate(model.alpha(mechanism.q_reference), 0.1 * rng.normal(size=model.n)))
     v, rest, told, n = rng.normal(size=model.n), np.zeros(model.n), model.parameters, model.n

@@ -1,18 +1,21 @@
 """Combinations that structure shows: the regressor itself, in floating point, knows none of their proof."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 import ccpin
+from ccpin.dynamics.parameters import KINDS
 from ccpin.errors import CcpinError
 from tests.support.strategies import mechanisms
 
 pytest.importorskip("flint")
 from ccpin.identification.exact_spaces import doubles, invariant_span, null_space, reduced
 from ccpin.identification.recorded_twists import recorded_motions
-from ccpin.identification.vanishing import identities
+from ccpin.identification.vanishing import JoinedBody, identities
 from ccpin.validated.arithmetic.balls import flint
 
 ANKLE = "docs/howto/ankle.urdf"
@@ -90,3 +93,21 @@ def test_spans():
     assert len(null_space([], 3)) == 3
     shift = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 0]], dtype=object)
     assert invariant_span(np.array([[1, 0, 0]], dtype=object), [shift]).tolist() == [[1, 0, 0], [0, 1, 0]]
+
+
+UPRIGHT = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))
+
+
+def lifted(length, slides, kinds):
+    """z of a body on a joint along the vertical with an axis of a length, in 3 m/s²: ten numbers, the joint's own."""
+    axis = (Fraction(0), Fraction(0), Fraction(length))
+    body = JoinedBody(0, (axis,) * len(slides), slides, UPRIGHT, KINDS[10 : 10 + kinds])
+    return reduced(identities((body,), (), (Fraction(0), Fraction(0), Fraction(-3))), 10 + kinds).rows
+
+
+def test_a_weight_is_a_constant_effort():
+    """m on a vertical slide is a rotor m and an effort 3 m: (m, J, o) = (1, −1, 3), where its axis has length 1."""
+    (held,) = [row for row in lifted(1, (True,), 5) if row[0]]
+    assert [held[k] for k in (0, 10, 14)] == [1, -1, 3]
+    assert not [row for row in lifted(2, (True,), 5) if row[0] or row[14]]
+    assert not [row for row in (*lifted(1, (True,), 3), *lifted(1, (True, False), 3)) if row[0]]
