@@ -59,7 +59,7 @@ def export_ros2(
     Args:
         transmission: The transmission.
         folder: The package's folder, which is made where it is absent.
-        maintainer: Of the package, as package.xml has to have one: "Ada Lovelace <ada@lab.org>".
+        maintainer: Of the package, as package.xml has to have one: ``"Ada Lovelace <ada@lab.org>"``.
         license: Of the package, as SPDX names it; default all rights reserved.
         name: Of package, library and namespace: small letters, digits and single _; default of the mechanism's.
         region: Lower and upper q_j, of shape (n,) each, outside of which it refuses; what it does inside is proved (the
