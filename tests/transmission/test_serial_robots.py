@@ -151,18 +151,24 @@ def test_limits_are_inside_the_polytopes(name):
     assert tightest > 0.9
 
 
+def mass_matrix(mujoco, path, q):
+    """MuJoCo's model of a file, and its mass matrix at q."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_forward(model, data)
+    found = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, found)
+    return model, found
+
+
 def test_mujoco_reads_it_and_moves_alike(folder):
     """MuJoCo's own mass matrix of the written MJCF is Pinocchio's of the URDF, armature included."""
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     for name in RANGES:
         path = folder / f"{name}.xml"
         robot_of(name, True).save(path)
-        model = mujoco.MjModel.from_xml_path(str(path))
-        data = mujoco.MjData(model)
-        data.qpos[:] = AT[name]
-        mujoco.mj_forward(model, data)
-        found = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, found)
+        model, found = mass_matrix(mujoco, path, AT[name])
         np.testing.assert_allclose(found, transmission_of(name).at(AT[name]).state.D, rtol=0, atol=1e-10)
         np.testing.assert_allclose(model.jnt_range.T, RANGES[name], rtol=0, atol=1e-9)
 
@@ -173,12 +179,7 @@ def test_mujoco_reads_the_urdf(folder):
     name = "knee"
     path, robot = folder / f"{name}_mujoco.urdf", robot_of(name, True)
     notes = robot.save(path)
-    model = mujoco.MjModel.from_xml_path(str(path))
-    data = mujoco.MjData(model)
-    data.qpos[:] = AT[name]
-    mujoco.mj_forward(model, data)
-    found = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, found)
+    _, found = mass_matrix(mujoco, path, AT[name])
     armatures = {joint.name: joint.armature for joint in robot.description.joints}
     rotors = [armatures[joint] for joint in robot.transmission.joints]
     whole = transmission_of(name).at(AT[name]).state.D

@@ -20,8 +20,9 @@ from ccpin.errors import InvalidInputError
 from ccpin.files import writable_target, write_atomically
 from ccpin.identification.consistency import consistent
 from ccpin.identification.estimation import identify
-from ccpin.identification.explained_efforts import explained
+from ccpin.identification.explained_efforts import told_of_motion
 from ccpin.identification.log import Log
+from ccpin.identification.smoothing import smoothed
 
 _EXAMPLES = """\
 example: ccpin identify rpdr --logs run1.csv run2.csv --out learnt.urdf --report learnt.html
@@ -68,10 +69,11 @@ def _identify(options: argparse.Namespace) -> int:
     if options.report:
         from ccpin.identification.constants_page import estimate_page
 
-        before, after = (
-            [explained(model, each, log, **smoothing) for log in logs] for each in (model.parameters, chosen)
-        )
-        told = list(zip([log.source for log in logs], before, after, strict=True))
+        sets = (model.parameters, chosen)
+        told = []
+        for log in logs:
+            before, after = told_of_motion(model, sets, smoothed(log, model, **smoothing))
+            told.append((log.source, before, after))
         page = estimate_page(model, estimate, chosen, told)
         write_atomically(writable_target(options.report), "w", lambda file: file.write(page))
         written.append(str(options.report))

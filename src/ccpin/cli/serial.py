@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ccpin.cli.command import count, positive
+from ccpin.cli.command import count
 from ccpin.cli.options import load
 from ccpin.cli.progress import busy
-from ccpin.cli.transmission import each_of, with_rotors
+from ccpin.cli.transmission import add_sides, each_of, with_rotors
 from ccpin.errors import InvalidInputError
 from ccpin.programs.exporting import export
 from ccpin.programs.sine_cosine import PRECISIONS, Format
@@ -28,12 +28,7 @@ def add_serial(parser: argparse.ArgumentParser) -> None:
     told = "write the robot without its linkage, whose mass, rotor inertia and limits go to links and joints"
     maps = "beside it in OUT_maps, as C and as JSON, what leads from its joints to the motors and back"
     group.add_argument("--serial", action="store_true", help=f"{told}; {maps}")
-    group.add_argument("--joints", nargs="+", metavar="JOINT", help="the serial robot's (default: where evident)")
-    group.add_argument("--motors", nargs="+", metavar="JOINT", help="the joints driven (default: the file's motors)")
-    behind = "behind the gear, one number or one each"
-    group.add_argument("--rotor", nargs="+", type=positive, metavar="KGM2", help=f"rotor inertia {behind}")
-    group.add_argument("--effort", nargs="+", type=positive, metavar="NM", help=f"limits of the motors {behind}")
-    group.add_argument("--speed", nargs="+", type=positive, metavar="RAD/S", help=f"limits of the motors {behind}")
+    add_sides(group)
     met = "joints' displacements at which D is the mechanism's, rad or m (default: fitted over the range)"
     group.add_argument("--at", nargs="+", type=float, metavar="Q", help=met)
     ends = "the range: all joints' lower displacements, then all upper ones (default: as far as all is reached)"

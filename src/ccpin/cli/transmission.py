@@ -41,12 +41,7 @@ def add_transmission(commands: Any) -> None:
     """The command and its options."""
     parser = add_command(commands, "transmission", _EXAMPLES, _transmission)
     add_mechanism(parser)
-    parser.add_argument("--joints", nargs="+", metavar="JOINT", help="the serial robot's (default: where evident)")
-    parser.add_argument("--motors", nargs="+", metavar="JOINT", help="the joints driven (default: the file's motors)")
-    behind = "behind the gear, one number or one each"
-    parser.add_argument("--effort", nargs="+", type=positive, metavar="NM", help=f"limits of the motors {behind}")
-    parser.add_argument("--speed", nargs="+", type=positive, metavar="RAD/S", help=f"limits of the motors {behind}")
-    parser.add_argument("--rotor", nargs="+", type=positive, metavar="KGM2", help=f"rotor inertia {behind}")
+    add_sides(parser)
     within = "prove limits of efforts and speeds over joints so far from the reference, one number or one each"
     parser.add_argument("--within", nargs="+", type=positive, metavar="RAD", help=within)
     swing = "frequencies of swings over a third of the range along which shortcuts are compared"
@@ -142,6 +137,16 @@ def _draw(
         return
     page = transmission_page(found, words, effort=effort, speed=speed, proved=proved)
     write_atomically(writable_target(out), "w", lambda file: file.write(page))
+
+
+def add_sides(parser: Any) -> None:
+    """The options that say which joints and motors there are, and what the motors are like."""
+    parser.add_argument("--joints", nargs="+", metavar="JOINT", help="the serial robot's (default: where evident)")
+    parser.add_argument("--motors", nargs="+", metavar="JOINT", help="the joints driven (default: the file's motors)")
+    behind = "behind the gear, one number or one each"
+    parser.add_argument("--effort", nargs="+", type=positive, metavar="NM", help=f"limits of the motors {behind}")
+    parser.add_argument("--speed", nargs="+", type=positive, metavar="RAD/S", help=f"limits of the motors {behind}")
+    parser.add_argument("--rotor", nargs="+", type=positive, metavar="KGM2", help=f"rotor inertia {behind}")
 
 
 def each_of(given: Sequence[float] | None) -> Array | None:

@@ -121,16 +121,14 @@ def identify(
 
 def _equations(model: ReducedModel, motion: Smoothed, rubbing: bool) -> tuple[Array, Array, int]:
     """Y, ρᵀSᵀu and how many samples with efforts were left out."""
-    rows = np.flatnonzero(~np.isnan(motion.u).any(axis=1))
+    rows = motion.with_efforts()
     terms = model.terms_many(motion.q[rows], motion.v[rows])
     rates = np.einsum("sij,sj->si", terms.rho, motion.v[rows])
     spread = np.sqrt(np.einsum("sij,sj->si", terms.rho**2, motion.v_deviation[rows] ** 2))
     turning = np.all(np.abs(rates) > _SURE * spread, axis=1) if rubbing else np.ones(len(rows), dtype=bool)
     chosen = rows[turning]
     Y = model.regressor_many(motion.q[chosen], motion.v[chosen], motion.a[chosen])
-    placed = zip(motion.q[chosen], motion.u[chosen], strict=True)
-    tau = np.array([model.at(q).generalized_force(u) for q, u in placed]).reshape(len(chosen), model.n)
-    return Y, tau, int(len(rows) - len(chosen))
+    return Y, motion.forces(model, chosen), int(len(rows) - len(chosen))
 
 
 def _box(motions: Sequence[Smoothed]) -> Motions:

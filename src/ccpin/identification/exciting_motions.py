@@ -24,6 +24,7 @@ from ccpin.domain.paths.path import CertifiedPath
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.identification.felt_combinations import Effects, Motions, checked_kinds, effects
+from ccpin.identification.log import require_plain
 from ccpin.identification.log_files import write_table
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -118,9 +119,7 @@ def excitation(
         UnsupportedMechanismError: A coordinate is a ball or a circle.
     """
     model = model_of(model)
-    if not model.coordinates.scalar:
-        named = ", ".join(part.name for part in model.coordinates.parts if part.whole is not None)
-        raise UnsupportedMechanismError(f"an excitation takes coordinates that are plain numbers, which {named} is not")
+    require_plain(model, "an excitation")
     n, duration = model.n, positive(duration, "duration", "a positive number of seconds")
     limits = MotionLimits(
         vector(lower, "lower", n),
@@ -150,10 +149,11 @@ def excitation(
             path, told = _proved(model, motion)
             if path is None or path.proved is not None:
                 W = search.rows(inner)
-                told = f"{W.shape[1]} combinations of constants, condition {np.linalg.cond(W):.3g}; {told}"
+                condition = float(np.linalg.cond(W))
+                told = f"{W.shape[1]} combinations of constants, condition {condition:.3g}; {told}"
                 trace = float(np.trace(np.linalg.inv(W.T @ W)))
                 names = tuple(model.coordinates.names)
-                return Excitation(motion, float(np.linalg.cond(W)), trace, W.shape[1], share, path, told, names)
+                return Excitation(motion, condition, trace, W.shape[1], share, path, told, names)
         inner = _SHRINK * inner
     raise InvalidInputError("no motion within the limits was found that stays on its branch: narrow lower and upper")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.identification.log import Log
-from ccpin.identification.smoothing import smoothed
+from ccpin.identification.smoothing import Smoothed, smoothed
 from ccpin.mechanism.mechanism import Mechanism
 
 
@@ -60,11 +60,15 @@ def explained(
     model = model_of(model)
     if instance(parameters, "parameters", DynamicParameters).names != model.parameters.names:
         raise InvalidInputError("the constants are those of another mechanism")
-    motion = smoothed(log, model, spacing=spacing, noise=noise)
-    rows = np.flatnonzero(~np.isnan(motion.u).any(axis=1))
-    if not len(rows):
+    (found,) = told_of_motion(model, [parameters], smoothed(log, model, spacing=spacing, noise=noise))
+    if not len(found.t):
         raise InvalidInputError(f"no sample of {log!r} has the efforts of all motors")
-    q, v, a = motion.q[rows], motion.v[rows], motion.a[rows]
-    measured = np.array([model.at(x).generalized_force(u) for x, u in zip(q, motion.u[rows], strict=True)])
-    told = model.regressor_many(q, v, a) @ parameters.values
-    return Explained(motion.t[rows], measured, told, tuple(model.coordinates.names))
+    return found
+
+
+def told_of_motion(model: ReducedModel, sets: Sequence[DynamicParameters], motion: Smoothed) -> list[Explained]:
+    """What each of several sets of constants explains of a log's motion."""
+    rows = motion.with_efforts()
+    measured, Y = motion.forces(model, rows), model.regressor_many(motion.q[rows], motion.v[rows], motion.a[rows])
+    names = tuple(model.coordinates.names)
+    return [Explained(motion.t[rows], measured, Y @ each.values, names) for each in sets]

@@ -14,7 +14,7 @@ from ccpin.arrays import Array, FrozenMapping, Record, frozen, instance, number,
 from ccpin.containers import told_of
 from ccpin.description.names import choices
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.errors import InvalidInputError
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.identification.log_files import FACTORS, on_one_clock, recorded, write_table
 from ccpin.kinematics.tree import TreeJoint
 from ccpin.mechanism.mechanism import Mechanism
@@ -198,6 +198,17 @@ def one_position(model: ReducedModel, name: str) -> TreeJoint:
     if tree.joint(name).kind.nv != 1:
         raise InvalidInputError(f"'{name}' is a {tree.joint(name).kind.name} joint, which has no single position")
     return tree.joint(name)
+
+
+def require_plain(model: ReducedModel, what: str) -> None:
+    """Check that every coordinate is a plain number.
+
+    Raises:
+        UnsupportedMechanismError: One is a ball or a circle.
+    """
+    if not model.coordinates.scalar:
+        named = ", ".join(part.name for part in model.coordinates.parts if part.whole is not None)
+        raise UnsupportedMechanismError(f"{what} takes coordinates that are plain numbers, which {named} is not")
 
 
 def _said(name: str, given: Mapping[str, float], default: float) -> float:

@@ -16,10 +16,10 @@ import scipy.sparse as sparse
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
-from ccpin.arrays import Array, instance, positive
+from ccpin.arrays import Array, Indices, instance, positive
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
-from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
-from ccpin.identification.log import Log, one_position, position
+from ccpin.errors import ConvergenceError, InvalidInputError
+from ccpin.identification.log import Log, one_position, position, require_plain
 from ccpin.identification.penalized_splines import DEGREE, Knots, Measurements, SplineFit, fitted, spread, variances
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -61,6 +61,15 @@ class Smoothed(NamedTuple):
     noise: Mapping[str, float]
     outliers: tuple[Outlier, ...]
 
+    def with_efforts(self) -> Indices:
+        """The samples that have the efforts of all motors, by number."""
+        return np.flatnonzero(~np.isnan(self.u).any(axis=1))
+
+    def forces(self, model: ReducedModel, rows: Indices) -> Array:
+        """ρᵀSᵀu at some samples, N m or N, of shape (len(rows), n)."""
+        placed = zip(self.q[rows], self.u[rows], strict=True)
+        return np.array([model.at(q).generalized_force(u) for q, u in placed]).reshape(len(rows), model.n)
+
 
 class _Alone(NamedTuple):
     """A column smoothed alone: samples that count, noise, the penalty's weight over the noise's square, the fit."""
@@ -98,9 +107,7 @@ def smoothed(
     model, known = model_of(model), {} if noise is None else dict(instance(noise, "noise", Mapping))
     instance(log, "log", Log)
     parts = model.coordinates.parts
-    if not model.coordinates.scalar:
-        named = ", ".join(part.name for part in parts if part.whole is not None)
-        raise UnsupportedMechanismError(f"smoothing takes coordinates that are plain numbers, which {named} is not")
+    require_plain(model, "smoothing")
     if missing := [part.name for part in parts if f"q_{part.name}" not in log.columns]:
         raise InvalidInputError(f"no column 'q_{missing[0]}' in {log!r}: each independent coordinate must be measured")
     if unknown := [name for name in known if name not in log.columns or name[0] == "u"]:
