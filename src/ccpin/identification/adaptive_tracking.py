@@ -18,15 +18,18 @@ from ccpin.arrays import Array, frozen, instance, numbers, positive, vector
 from ccpin.control.control_law import ControlLaw, Measurement
 from ccpin.control.laws import ModelLaw
 from ccpin.control.references import Reference, require_commuting
+from ccpin.control.sampling import Sampling
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.errors import InvalidInputError
 from ccpin.identification.adaptive_step_program import adaptive_program
+from ccpin.identification.estimate_history import EstimateHistory, asked_again
 from ccpin.identification.physical_bounds import constant_box
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.programs.program import Program
 from ccpin.programs.recordings import Given
+from ccpin.simulation.results.trajectory import Trajectory
 
 
 class AdaptiveStep(NamedTuple):
@@ -172,6 +175,22 @@ class AdaptiveTracking(ModelLaw):
         kinetic = 0.5 * s @ (own.regressor(rest, s) - own.regressor(rest, rest)) @ (self.known + self.basis @ pi)
         off = vector(estimate, "estimate", len(self.adapted)) - pi
         return float(kinetic + 0.5 * off @ (off / self.gain))
+
+    def estimates(
+        self, motion: Trajectory, *, sampling: Sampling | None = None, true: ArrayLike | None = None
+    ) -> EstimateHistory:
+        """What was learnt along a motion that `ccpin.simulate` gave: the law is asked again at each of its samples.
+
+        Args:
+            motion: From the start of a run, with a sample at each of the law's (`sample_period` T, or T over a number).
+            sampling: As the run had it, default T alone.
+            true: π, of shape (k,), for V.
+
+        Raises:
+            InvalidInputError: Samples are missing, or the efforts that come out are not the motion's.
+            DifferentSubjectsError: The motion is of another mechanism.
+        """
+        return asked_again(self, motion, sampling, true)
 
     def program(self, *, given: Given = "closed", steps: int = 2, near: State | None = None) -> Program:
         """One sample as a program (`ccpin.programs`): q, y, v, q_d, v_d, a_d and p = π̂_k to `torque` and `estimate`.
