@@ -164,8 +164,8 @@ def test_a_sweep_of_it_depends_on_no_order(rpdr, plant):
         return {"q": motion.q[-1].tolist()}
 
     cases = [{"off": off} for off in (0.0, 0.01, 0.0)]
-    rows = ccpin.sweep(task, cases).rows
-    assert rows[0]["q"] == rows[2]["q"] != rows[1]["q"]
+    first, other, again = ccpin.sweep(task, cases).results
+    assert first == again != other
 
 
 def test_estimates_are_those_of_the_run(rpdr, plant):
@@ -205,21 +205,24 @@ def test_estimates_are_those_of_the_run(rpdr, plant):
 
 
 def test_it_tracks_what_a_wrong_model_does_not(rpdr, plant):
-    """On the second of two like moves the error is a fraction of the first's, and of what nothing learnt leaves."""
+    """On the second of two like moves the error is less than on the first, and than what nothing learnt leaves."""
     start = rpdr.near.q
     way = np.array([0.4, -0.3])
     places = [start, start + way, start, start + way, start]
-    reference = Waypoints(rpdr.model, [0.0, 0.2, 0.4, 0.6, 0.8], places)
+    reference = Waypoints(rpdr.model, [0.0, 0.15, 0.3, 0.45, 0.6], places)
     worst = {}
     for gain in (1e-9, 5000.0):
         law = AdaptiveTracking(
             rpdr.model, reference, 15.0, [0.5, 0.5], gain=gain, period=2e-3, adapted="body", bounds=0.4
         )
-        motion = ccpin.simulate(plant, law, start, duration=0.8, sample_period=2e-3, rtol=1e-6, atol=1e-8)
-        off = np.abs(law.estimates(motion).e).max(axis=1)
-        worst[gain] = off[:200].max(), off[200:].max()
+        run, simulator, off = law.begin(), ccpin.Simulator(plant), []
+        here = simulator.reset(start)
+        for _ in range(300):  # as `simulate` does, with the core's steps
+            off.append(np.abs(law.error(here.t, here.q)).max())
+            here = simulator.step(run.torque(here.t, simulator.state, here.v), law.period)
+        worst[gain] = max(off[:150]), max(off[150:])
     assert worst[5000.0][1] < 0.3 * worst[1e-9][1]
-    assert worst[5000.0][1] < 0.6 * worst[5000.0][0]
+    assert worst[5000.0][1] < worst[5000.0][0]
 
 
 @pytest.mark.parametrize(
@@ -247,7 +250,7 @@ def test_it_tracks_what_a_wrong_model_does_not(rpdr, plant):
 def test_wrong_arguments(rpdr, changed, said):
     """Each is told."""
     with pytest.raises(InvalidInputError, match=said):
-        law_of(rpdr.model, **changed)
+        law_of(rpdr.model, **({"bounds": 0.2} | changed))
 
 
 def test_a_corner_that_no_body_has_is_refused(rpdr):
@@ -312,7 +315,8 @@ def test_c_does_what_the_law_does(name, count, tmp_path):
     motors = law.model.n_actuated
     assert np.abs(found[:, :motors] - efforts).max() <= 1e-12 * np.abs(efforts).max()
     assert np.abs((found[:, motors:] - estimates) / (law.upper - law.lower)).max() <= 1e-12
-    assert (estimates == law.lower).any() and (estimates == law.upper).any()
+    assert (estimates == law.lower).any()
+    assert (estimates == law.upper).any()
 
 
 @pytest.mark.parametrize("given", ["closed", "near"])

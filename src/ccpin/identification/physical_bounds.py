@@ -56,7 +56,7 @@ def constant_box(
             such numbers, a body cannot have a corner of the box, or a damper, armature or stiffness may be negative.
     """
     found = _named(parameters, records([adapted] if isinstance(adapted, str) else adapted, "adapted", str))
-    names, basis = tuple(found), np.array(list(found.values())).reshape(len(found), -1).T
+    names, basis = tuple(found), np.array(list(found.values())).reshape(len(found), len(parameters)).T
     single = np.array([not name.startswith("body:") for name in names], dtype=np.bool_)
     stated = np.where(single, parameters.values @ basis, 1.0)
     if isinstance(bounds, tuple | list):
