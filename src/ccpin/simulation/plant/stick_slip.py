@@ -21,7 +21,7 @@ positive.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -198,6 +198,30 @@ class StickSlip:
     def recall(self, memory: Mapping[str, Array]) -> None:
         """Go on in the mode that another run of the same joints remembered."""
         self._signs, self._rest = np.array(memory["signs"]), np.array(memory["rest"], dtype=bool)
+
+    def numbers(self) -> dict[str, Any] | None:
+        """The joints and their mode in plain numbers, as the compiled core takes them; ``None`` where none rubs."""
+        if not self.rubs:
+            return None
+        friction = self._friction
+        halted = np.zeros_like(self._rest) if self._halted is None else self._halted
+        return {
+            "component": friction.index.tolist(),
+            "coordinate": friction.coordinate.tolist(),
+            "coulomb": friction.coulomb.tolist(),
+            "viscous": friction.viscous.tolist(),
+            "signs": self._signs.tolist(),
+            "rest": self._rest.astype(int).tolist(),
+            "halted": halted.astype(int).tolist(),
+            "locked": self._locked,
+        }
+
+    def adopt(self, mode: tuple[Array, Array, Array, bool] | None) -> None:
+        """Go on in the mode that the compiled core has left its joints in; it has none where none rubs."""
+        if mode is None:
+            return
+        self._signs, rest, halted, self._locked = mode
+        self._rest, self._halted, self._held = rest > 0, (halted > 0 if halted.any() else None), None
 
     def acceleration(self, state: State, v: Array, drive: Callable[[], ActingLoads]) -> Array:
         """q̈ with sliding joints' friction as a force and resting joints kept at rest.
