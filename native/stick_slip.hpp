@@ -152,8 +152,8 @@ class StickSlip {
     held_q_.clear();
     move(v);
     for (Eigen::Index k = 0; k < rates_.size(); ++k) {
-      const bool dry = mode.joints[k].coulomb > 0;
-      mode.rest[k] |= mode.halted[k] | (dry && std::abs(rates_[k]) <= kRest);
+      const bool dry = mode.joints[k].coulomb > 0, halts = mode.halted[k] || (dry && std::abs(rates_[k]) <= kRest);
+      mode.rest[k] |= halts && std::abs(rates_[k]) <= kCarried * rows_.row(k).norm();
       mode.signs[k] = dry && !mode.rest[k] ? sign(rates_[k]) : 0;
     }
     std::fill(mode.halted.begin(), mode.halted.end(), 0), mode.locked = false;
@@ -207,7 +207,8 @@ class StickSlip {
   std::vector<int> turned;
 
  private:
-  static constexpr double kRest = 1e-8, kReversed = 1e-14, kWithin = 1e-8, kReleased = 1e-9, kPull = 50, kIndependent = 1e-2;
+  static constexpr double kRest = 1e-8, kReversed = 1e-14, kWithin = 1e-8, kReleased = 1e-9, kPull = 50, kIndependent = 1e-2,
+                          kCarried = 1e-4;
   Workspace& w_;
   const Mechanism& m_;
   bool eventful_ = false;

@@ -41,6 +41,7 @@ REST = 1e-8  # rad/s or m/s: no faster is at rest
 _REVERSED = 1e-14  # rad/s or m/s: rounding about zero has not turned back
 _WITHIN = 1e-8  # of a level: a force beyond it by less holds the joint
 _RELEASED = 1e-9  # of the largest acceleration without friction: one below is none
+_CARRIED = 1e-4  # rad/s or m/s: what q̇ may lose where a joint comes to rest; where more, the others carry it through
 _PULL = 50.0  # 1/s, at which the rates of resting joints, where integration leaves some, decay
 _MOST_EVENTS = 200  # within a microsecond: then they have no end
 _INDEPENDENT = 1e-2  # of the largest pivot of ρ_r D⁻¹ρ_rᵀ: above it resting joints' forces are unique beyond doubt
@@ -130,7 +131,9 @@ class StickSlip:
     """One run's joints: their present mode, and the dynamics in it.
 
     The mode changes in `begin` only. A joint is at rest there if it was so before, has just halted, or has a rate of at
-    most 1e-8 rad/s (or m/s); its rate is then set to zero, and whether it starts to slide is the load's to say.
+    most 1e-8 rad/s (or m/s); its rate is then set to zero, and whether it starts to slide is the load's to say. A joint
+    that turns back because its row of ρ vanishes, as a rocker does at the ends of its swing while the crank goes on, is
+    carried through: to bring it to rest would take more than 1e-4 rad/s from q̇.
 
     Args:
         model: The reduced model.
@@ -173,9 +176,10 @@ class StickSlip:
         halted, self._halted, self._held = self._halted, None, None
         rows = self.rows(state)
         rates = rows @ v
-        rest = self._rest | (self._dry & (np.abs(rates) <= REST))
+        halts = self._dry & (np.abs(rates) <= REST)
         if halted is not None:
-            rest |= halted
+            halts |= halted
+        rest = self._rest | (halts & (np.abs(rates) <= _CARRIED * np.linalg.norm(rows, axis=1)))
         self._rest, self._locked = rest, False
         self._signs = np.where(self._dry & ~rest, np.sign(rates), 0.0)
         if not rest.any():
@@ -353,7 +357,7 @@ def _multipliers(known: _Known, rows: Array, mobility: Array, target: Array) -> 
     """f of least norm with ρ_r(a + D⁻¹ρ_rᵀf) = target; by Cholesky where only one f does it, beyond doubt."""
     missing = target - rows @ known.a
     compliance = rows @ mobility
-    if len(missing) == 1:
+    if len(missing) == 1 and compliance[0, 0] > 0:
         return np.asarray(missing / compliance[0])
     if len(missing) <= len(known.a):
         factor, found, info = lapack.dposv(compliance, missing, lower=1)
