@@ -89,7 +89,7 @@ class BoundedLeastSquares {
   }
   // Towards it, up to the first bound; whether there is one.
   bool approach() {
-    free();
+    if (!free()) return false;
     const VecX z = free_solution();
     double part = INFINITY;
     Eigen::Index first = -1;
@@ -152,8 +152,8 @@ class StickSlip {
     held_q_.clear();
     move(v);
     for (Eigen::Index k = 0; k < rates_.size(); ++k) {
-      const bool dry = mode.joints[k].coulomb > 0, halts = mode.halted[k] || (dry && std::abs(rates_[k]) <= kRest);
-      mode.rest[k] |= halts && std::abs(rates_[k]) <= kCarried * rows_.row(k).norm();
+      const bool dry = mode.joints[k].coulomb > 0;
+      mode.rest[k] |= mode.halted[k] | (dry && std::abs(rates_[k]) <= kRest);
       mode.signs[k] = dry && !mode.rest[k] ? sign(rates_[k]) : 0;
     }
     std::fill(mode.halted.begin(), mode.halted.end(), 0), mode.locked = false;
@@ -208,7 +208,7 @@ class StickSlip {
 
  private:
   static constexpr double kRest = 1e-8, kReversed = 1e-14, kWithin = 1e-8, kReleased = 1e-9, kPull = 50, kIndependent = 1e-2,
-                          kCarried = 1e-4;
+                          kNil = 1e-6;
   Workspace& w_;
   const Mechanism& m_;
   bool eventful_ = false;
@@ -316,7 +316,7 @@ class StickSlip {
   // argmin over |f| ≤ c of ½‖Lᵀ(a + d) + L⁻¹ρ_rᵀf‖², ρ_r d = (ρ̇ q̇)_r, D = L Lᵀ.
   bool least_constraint(const VecX& level, VecX& force) const {
     VecX d = a_;
-    if (bias_.any()) d += least_norm(resting_rows_, bias_, rounding(resting_rows_));
+    if (bias_.any()) d += with_rates(resting_rows_, bias_);
     const auto L = D_.triangularView<Eigen::Lower>();
     MatX matrix = L.solve(resting_rows_.transpose().eval()) * level.asDiagonal();
     VecX right = -(L.transpose() * d);
@@ -331,14 +331,23 @@ class StickSlip {
   bool fixed() const {
     if (int(resting_.size()) < m_.n) return false;
     const Eigen::JacobiSVD<MatX> svd(rows_at_rest());
-    return svd.singularValues()[m_.n - 1] > 1e-9;
+    return svd.singularValues()[m_.n - 1] > kNil;
+  }
+
+  // q̇ of least norm with these rates, where rows that vanish, or depend on others, move nothing.
+  static VecX with_rates(const MatX& rows, const VecX& rates) {
+    const Eigen::JacobiSVD<MatX> svd(rows, Eigen::ComputeThinU | Eigen::ComputeThinV);
+    VecX along = svd.matrixU().transpose() * rates;
+    const VecX& sizes = svd.singularValues();
+    for (Eigen::Index i = 0; i < sizes.size(); ++i) along[i] = sizes[i] > kNil ? along[i] / sizes[i] : 0;
+    return svd.matrixV() * along;
   }
 
   // q̇ with the resting joints' rates removed, exactly where they are independent coordinates.
   void bring_to_rest(VecX& v) const {
     if (fixed()) return void(v.setZero());
     const MatX rows = rows_at_rest();
-    v -= least_norm(rows, rows * v, rounding(rows));
+    v -= with_rates(rows, rows * v);
     for (const int k : resting_)
       if (mode.joints[k].coordinate >= 0) v[mode.joints[k].coordinate] = 0;
   }

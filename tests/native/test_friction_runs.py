@@ -20,7 +20,7 @@ from ccpin.simulation.integration.core_numbers import TABLEAUX, constant_law
 from ccpin.simulation.integration.core_runs import _PLAIN
 from ccpin.simulation.integration.run import Run
 from ccpin.simulation.plant.friction import joint_friction
-from ccpin.simulation.plant.stick_slip import StickSlip
+from ccpin.simulation.plant.stick_slip import StickSlip, friction_force
 from tests.support.agreement import reference_model
 from tests.support.carriage import carriage
 
@@ -205,6 +205,29 @@ def test_holding_is_feasibility(rpdr_model, seed):
     assert (np.abs(friction) <= level * (1 + 1e-7)).all()
     if share < 1:
         np.testing.assert_allclose(rho.T @ friction, load, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["delta", "stewart"])
+def test_where_many_joints_start(name):
+    """Of more joints than freedoms, at rest under random loads and levels, the same ones start, and ρᵀf is the same."""
+    model, rng = ccpin.ReducedModel(ccpin.load(name)), np.random.default_rng(0)
+    names, q = component_names(model.mechanism.tree), model.alpha(model.mechanism.q_reference)
+    started = 0
+    for _ in range(40):
+        state = model.at(model.coordinates.integrate(q, 0.02 * rng.normal(size=model.n)))
+        levels = {
+            joint: (float(level), 0.0) for joint, level in zip(names, rng.exponential(0.05, len(names)), strict=True)
+        }
+        u = model.gravity(state.q) + rng.normal(size=model.n_actuated) * rng.choice([0.05, 0.5, 5.0])
+        rubbing = joint_friction(model, levels)
+        answer = ask(model, state, {"friction": StickSlip(model, rubbing).numbers()}, u)
+        found = answer[8][0][rubbing.index]
+        expected = friction_force(model, levels, state, np.zeros(model.n), u)
+        rows = state.rho[rubbing.index]
+        np.testing.assert_allclose(rows.T @ found, expected.generalized, rtol=0, atol=1e-9)
+        assert (np.abs(found) <= rubbing.coulomb * (1 + 1e-7)).all()
+        started += bool(np.abs(answer[4][0]).max() > 0)
+    assert 5 < started < 40
 
 
 def numbers_of(model):

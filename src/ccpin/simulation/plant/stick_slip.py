@@ -41,7 +41,7 @@ REST = 1e-8  # rad/s or m/s: no faster is at rest
 _REVERSED = 1e-14  # rad/s or m/s: rounding about zero has not turned back
 _WITHIN = 1e-8  # of a level: a force beyond it by less holds the joint
 _RELEASED = 1e-9  # of the largest acceleration without friction: one below is none
-_CARRIED = 1e-4  # rad/s or m/s: what q̇ may lose where a joint comes to rest; where more, the others carry it through
+_NIL = 1e-6  # rad/rad, m/rad or the like: singular values of ρ's rows below are none
 _PULL = 50.0  # 1/s, at which the rates of resting joints, where integration leaves some, decay
 _MOST_EVENTS = 200  # within a microsecond: then they have no end
 _INDEPENDENT = 1e-2  # of the largest pivot of ρ_r D⁻¹ρ_rᵀ: above it resting joints' forces are unique beyond doubt
@@ -131,9 +131,9 @@ class StickSlip:
     """One run's joints: their present mode, and the dynamics in it.
 
     The mode changes in `begin` only. A joint is at rest there if it was so before, has just halted, or has a rate of at
-    most 1e-8 rad/s (or m/s); its rate is then set to zero, and whether it starts to slide is the load's to say. A joint
-    that turns back because its row of ρ vanishes, as a rocker does at the ends of its swing while the crank goes on, is
-    carried through: to bring it to rest would take more than 1e-4 rad/s from q̇.
+    most 1e-8 rad/s (or m/s); its rate is then set to zero, and whether it starts to slide is the load's to say. Where a
+    row of ρ vanishes, as a rocker's does at the ends of its swing while the crank goes on, or rows depend on each other
+    but for rounding, q̇ is left alone: no friction of theirs could change it.
 
     Args:
         model: The reduced model.
@@ -176,10 +176,9 @@ class StickSlip:
         halted, self._halted, self._held = self._halted, None, None
         rows = self.rows(state)
         rates = rows @ v
-        halts = self._dry & (np.abs(rates) <= REST)
+        rest = self._rest | (self._dry & (np.abs(rates) <= REST))
         if halted is not None:
-            halts |= halted
-        rest = self._rest | (halts & (np.abs(rates) <= _CARRIED * np.linalg.norm(rows, axis=1)))
+            rest |= halted
         self._rest, self._locked = rest, False
         self._signs = np.where(self._dry & ~rest, np.sign(rates), 0.0)
         if not rest.any():
@@ -293,7 +292,7 @@ class StickSlip:
         """Whether nothing moves while these joints rest; the same question as before is not worked out again."""
         before, key = self._ranked, rest.tobytes()
         if before is None or before[0] is not state or before[1] != key:
-            self._ranked = before = (state, key, bool(np.linalg.matrix_rank(rows[rest], 1e-9) == self._model.n))
+            self._ranked = before = (state, key, bool(np.linalg.matrix_rank(rows[rest], _NIL) == self._model.n))
         return before[2]
 
     def _brought_to_rest(self, v: Array, rows: Array, state: State) -> Array:
@@ -301,7 +300,7 @@ class StickSlip:
         if self._fixed(state, rows, self._rest):
             return np.zeros(self._model.n)
         resting = rows[self._rest]
-        v = v - np.linalg.lstsq(resting, resting @ v, rcond=None)[0]
+        v = v - _least_norm(resting, resting @ v)
         v[self._friction.coordinate[self._rest & self._own]] = 0.0
         return np.asarray(v)
 
@@ -367,13 +366,20 @@ def _multipliers(known: _Known, rows: Array, mobility: Array, target: Array) -> 
     return np.asarray(np.linalg.lstsq(compliance, missing, rcond=1e-12)[0])
 
 
+def _least_norm(rows: Array, rates: Array) -> Array:
+    """q̇ of least norm with these rates, where rows that vanish, or depend on others, move nothing."""
+    left, sizes, right = np.linalg.svd(rows, full_matrices=False)
+    kept = sizes > _NIL
+    return np.asarray(right[kept].T @ (left[:, kept].T @ rates / sizes[kept]))
+
+
 def _least_constraint(known: _Known, rows: Array, level: Array) -> Array:
     """argmin over |f| ≤ c of ½‖Lᵀ(a + d) + L⁻¹ρ_rᵀf‖², ρ_r d = ρ̇_r q̇, D = L Lᵀ: the dual of the principle above.
 
     Raises:
         ConvergenceError: The bounded least-squares solver gave up.
     """
-    d = known.a if not known.bias.any() else known.a + np.linalg.lstsq(rows, known.bias, rcond=None)[0]
+    d = known.a if not known.bias.any() else known.a + _least_norm(rows, known.bias)
     matrix = lapack.dtrtrs(known.factor, rows.T, lower=1)[0] * level
     right = -known.factor.T @ d
     scale = float(np.linalg.norm(right))
