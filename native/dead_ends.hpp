@@ -26,7 +26,7 @@ constexpr double kSure = 0.03;          // of what is left: the last leap this, 
 constexpr double kDoubts = 8;           // times the last change of where the end is: it may be so far off
 constexpr double kSameDirection = 0.9;  // of the cosine between Y before and after a leap
 constexpr double kResolved = 1e-2;      // |Y|² times the tolerance of closed points: rounding's share of g
-constexpr double kRoundedAlike = 0.5;   // of what rounding leaves of the way: the walk stops there, give or take,
+constexpr double kRoundedAlike = 0.9;   // of what rounding leaves of the way: the walk stops there, give or take,
 constexpr double kStopsWithin = 16 * kShortestStep;  // and its steps lead so near at least, if rounding lets them
 constexpr double kStoppedAlike = 1e-5;  // of the way: so much farther at most may others walk that take other steps
 constexpr int kMostLeaps = 32, kMostSettling = 10;
@@ -122,7 +122,7 @@ class DeadEnds : public Continuation {
   // Whether the way to q ends where an end is neared at `here_`, into `dead_end_`.
   bool ends_before(const Cluster& c, ClusterState& s, const double* q, Approach& a) {
     double place = a.done[2], left = a.left, end = a.end, doubt = 0.1 * left;
-    a.next = left / 2;  // where nothing comes of it
+    a.next = left / 4;  // where nothing comes of it
     copy_cluster(c, here_.data(), q_free.data());
     target(c, q, place);
     linearize(c, s, q_ahead_.data());

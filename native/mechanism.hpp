@@ -67,6 +67,7 @@ struct Cluster {
   std::vector<int> independent;             // components of q̇, in the order of ρ's columns: direct ones first
   std::vector<int> motors, motor_columns;   // (where motors are not the independent joints) which of u, at which column
   std::vector<double> gears;                // of these
+  std::vector<double> unstructured;         // B (rows × 2): right sides without structure
   int loop_rows = 0;                        // rows: of loops, then of couplings, then of components
   bool carries = false;                     // other clusters hang on its bodies
   int n() const { return int(independent.size()); }

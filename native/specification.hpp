@@ -18,7 +18,7 @@ class Reader {
   nb::dict s_;
   Mechanism m_;
   std::vector<int> motors_;
-  std::vector<double> gears_;
+  std::vector<double> gears_, unstructured_;
 
   Mechanism read() {
     using namespace reading;
@@ -38,6 +38,7 @@ class Reader {
       if (c.whole() && unit_window(c.kind).size) m_.plain = false;
     }
     require(integer(s_["n_q"]) == m_.n_q && integer(s_["n"]) == m_.n, "the coordinates are not as many as n_q and n say");
+    unstructured_ = numbers(s_["unstructured"], 2 * size_t(m_.m + m_.n));
     motors_ = integers(s_["motors"]), gears_ = numbers(s_["gears"], motors_.size());
     for (int k : motors_) require(k >= 0 && k < m_.nv, "there is no joint for a motor");
     m_.motors = m_.direct ? m_.n : int(motors_.size());
@@ -192,6 +193,7 @@ class Reader {
     require(c.rows() >= c.unknowns(), "a cluster has fewer rows than unknowns");
     find_pattern(c);
     place_columns(c);
+    choose_right_sides(c);
     m_.clusters.push_back(c);
   }
 
@@ -285,6 +287,16 @@ class Reader {
     for (int i : c.loops)
       for (auto* columns : {&m_.loops[i].columns_a, &m_.loops[i].columns_b})
         for (Column& k : *columns) k.place = c.place[k.local];
+  }
+
+  void choose_right_sides(Cluster& c) const {
+    const auto add = [&](int row) {
+      c.unstructured.insert(c.unstructured.end(), &unstructured_[2 * size_t(row)], &unstructured_[2 * size_t(row)] + 2);
+    };
+    for (int i : c.loops)
+      for (int r = 0; r < m_.loops[i].size; ++r) add(m_.loops[i].row + r);
+    for (int i : c.couplings) add(m_.couplings[i].row);
+    for (int i : c.components) add(m_.m + m_.coordinates[i].v);
   }
 
   void choose_columns(Cluster& c) const {

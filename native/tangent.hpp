@@ -13,16 +13,7 @@ constexpr double kFarFromSingular = 2e-7;  // and where estimates are relied on
 
 class Tangent : public Constraints {
  public:
-  explicit Tangent(const Mechanism& mechanism) : Constraints(mechanism) {
-    int rows = 0;
-    for (const Cluster& c : m.clusters) rows = std::max(rows, c.rows());
-    double x = 0.5;
-    for (int r = 0; r < rows; ++r)
-      for (int k = 0; k < 2; ++k) {
-        x = 3.9 * x * (1 - x);
-        unstructured_.push_back((k ? r / 2 : r) % 2 ? x + 0.1 : -x - 0.1);
-      }
-  }
+  using Constraints::Constraints;
 
   // Reciprocal condition number of ψ_q′ in the 1-norm, after `sigma` or `at`: ψ_q′ is a permuted block diagonal of the
   // clusters' [[A, B], [0, I]], whose inverse [[A⁻¹, −A⁻¹B], [0, I]] has ρ in it.
@@ -168,7 +159,7 @@ class Tangent : public Constraints {
   // row of s.right the last two are B's. Returns the largest entry, and so how large ψ_q′⁻¹ is.
   double solve_beside_probe(const Cluster& c, ClusterState& s, int stride) const {
     double* right = s.right.data() + stride - 2;
-    for (int r = 0; r < c.rows(); ++r, right += stride) right[0] = unstructured_[2 * r], right[1] = unstructured_[2 * r + 1];
+    for (int r = 0; r < c.rows(); ++r, right += stride) right[0] = c.unstructured[2 * r], right[1] = c.unstructured[2 * r + 1];
     s.factor.solve(s.right.data(), stride);
     double largest = 0;
     for (int i = 0; i < c.unknowns(); ++i)
@@ -201,7 +192,7 @@ class Tangent : public Constraints {
   }
 
  private:
-  std::vector<double> inverse_, unstructured_;  // the latter is B, row-major
+  std::vector<double> inverse_;
 
   template <class F> double component_rate(const Coordinate& k, const double* v, F&& f) const {
     const Joint& joint = m.joints[k.joint];

@@ -13,6 +13,7 @@ from ccpin import (
     description,
     domain,
     dynamics,
+    identification,
     mechanism,
     plotting,
     programs,
@@ -34,7 +35,7 @@ from ccpin.simulation.plant.stick_slip import friction_force
 from ccpin.simulation.results.forces import closure_forces_at
 
 ROOMS = ("control", "description", "domain", "dynamics", "mechanism", "plotting", "simulation", "transmission")
-ROOMS += ("validated",)
+ROOMS += ("identification", "validated")
 WRONG = (None, "rpbr", -1, np.nan, [], [[1.0, 2.0]], np.zeros((3, 3)), {"a": 1}, [object()], np.ones(2) * 1j, 10**400)
 FLAGS = {"floating_base", "loop", "open_browser", "failures", "proved", "workers", "executor", "checkpoint"}
 # What these hold is given by ccpin, or looked at where it is used.
@@ -91,6 +92,7 @@ class Bench:
             "efforts": None,
             "part": "linear",
             "loads": None,
+            "v_r": None,
             "target": self.effector.pose(self.q),
         }
         found = {}
@@ -370,13 +372,58 @@ def _program(b):
     return {"program": program, "region": box, "bounds": {}, "start": 1e-6, "formats": ("double",), "max_cells": 1}
 
 
+def _identification(b):
+    """A log of four seconds of the RPDR about its reference."""
+    t = np.linspace(0.0, 4.0, 400)
+    q = b.q + 0.1 * np.sin(np.outer(t, [3.0, 5.0]) + [0.0, 1.0])
+    names = b.whole.independent
+    columns = {f"{s}_{name}": q[:, k] for k, name in enumerate(names) for s in "qu"}
+    log = identification.Log(t, columns)
+    path = b.folder / "log.csv"
+    log.save(path)
+    smoothing = {"spacing": 0.05, "noise": {"q_joint1": 1e-3}}
+    estimate = identification.identify(b.model, log, kinds=("inertia",), **smoothing)
+    limits = {"lower": b.q - 0.1, "upper": b.q + 0.1, "speed": 1.0, "effort": None, "start": b.q}
+    search = {"kinds": ("friction",), "waypoints": 2, "criterion": "trace", "starts": 1, "iterations": 0, "seed": 0}
+    return {
+        "base_parameters": (identification.base_parameters, {"mechanism": b.whole, "states": 1, "precision": 60}),
+        "consistent": (identification.consistent, {"model": b.model, "estimate": estimate, "doubt": 10.0}),
+        "excitation": (identification.excitation, {"model": b.model, "duration": 1.0} | limits | search),
+        "explained": (
+            identification.explained,
+            {"model": b.model, "parameters": b.model.parameters, "log": log} | smoothing,
+        ),
+        "identify": (identification.identify, {"model": b.model, "logs": [log], "kinds": ("inertia",)} | smoothing),
+        "Log": (identification.Log, {"t": t, "columns": columns, "source": "a log"}),
+        "Log.read": (
+            identification.Log.read,
+            {"path": path, "columns": {"q_joint1": "q_joint1"}, "units": {"q": "deg"}, "time": "t"},
+        ),
+        "Log.save": (log.save, {"path": path}),
+        "Log.between": (log.between, {"begin": 0.0, "end": 1.0}),
+        "Log.delayed": (log.delayed, {"seconds": {"u": 0.01}}),
+        "smoothed": (
+            identification.smoothed,
+            {"log": log, "model": b.model, "smoothness": 1.0} | smoothing,
+        ),
+        "with_constants": (
+            identification.with_constants,
+            {"model": b.model, "parameters": b.model.parameters},
+        ),
+    }
+
+
 def _transmission(b):
     found = transmission.Transmission(b.whole, ["joint3", "joint4"])
     posture, q = found.reference, found.reference.q_joint
     swing = transmission.Swing(found, [0.1, 0.1], 1.0, q)
     along = {"transmission": found, "motion": swing, "near": None, "samples": 3}
     made = transmission.compare(**along)
+    rocker = transmission.Transmission(ccpin.load("four_bar"))
+    at = rocker.reference.q_joint
     pair = {"v_joint": b.rest, "a_joint": b.rest}
+    joints = q + 0.02 * np.array([[k, k * k % 5] for k in range(8)])
+    motors = [found.motor_from_joint(each) for each in joints]
     limits = {"effort": 1.0, "speed": 1.0}
     return {
         "Transmission": (
@@ -414,16 +461,31 @@ def _transmission(b):
             transmission.Swing,
             {"transmission": found, "amplitude": [0.1, 0.1], "frequency": 1.0, "centre": None, "cycles": 1},
         ),
+        "identify_geometry": (
+            transmission.identify_geometry,
+            {"transmission": found, "motor_positions": motors, "joint_positions": joints, "motor_noise": 1e-3}
+            | {"joint_noise": 1e-3, "parameters": None, "known": (), "offsets": (), "priors": None},
+        ),
         "compare": (transmission.compare, along | {"shortcut": "serial", "bandwidth": None}),
         "motor_loads": (transmission.motor_loads, along),
         "survey": (
             transmission.survey,
             {"transmission": found, "lower": q - 0.01, "upper": q + 0.01, "count": 2},
         ),
-        "certify_effort_box": (
-            transmission.certify_effort_box,
-            {"transmission": found, "region": (q - 0.01, q + 0.01), "box": None, "shape": None, "effort": 1.0}
-            | {"max_cells": 1},
+        "certify_limits": (
+            transmission.certify_limits,
+            {"transmission": found, "region": (q - 0.01, q + 0.01), "of": "effort", "size": None, "form": "box"}
+            | {"shape": None, "effort": 1.0, "speed": None, "friction": None, "motors": None, "max_cells": 1},
+        ),
+        "serial_robot": (
+            transmission.serial_robot,
+            {"transmission": rocker, "region": (at - 0.01, at + 0.01), "at": at, "count": 3, "max_cells": 1} | limits,
+        ),
+        "Transmission.program": (found.program, {"given": "motors", "steps": 1}),
+        "export_ros2": (
+            transmission.export_ros2,
+            {"transmission": found, "folder": b.folder, "maintainer": "Ada <ada@lab.org>", "license": "MIT"}
+            | {"name": None, "region": None, "max_cells": 1},
         ),
         "plot_limits": (transmission.plot_limits, {"transmission": found, "title": None} | limits),
         "plot_shortcuts": (transmission.plot_shortcuts, {"comparisons": [made], "title": None}),
@@ -478,6 +540,7 @@ TABLES = {
     "description": _description,
     "domain": _domain,
     "dynamics": _dynamics,
+    "identification": _identification,
     "mechanism": _mechanism,
     "plotting": _plotting,
     "simulation": _simulation,

@@ -213,7 +213,7 @@ def numbers(value: object, name: str) -> Array:
     """
     try:
         found = np.asarray(value)
-        if found.dtype.kind == "c":
+        if found.dtype.kind in "cSUmM":  # NumPy would drop what is imaginary, and read texts and dates
             raise TypeError
         return found.astype(np.float64, copy=False)
     except (TypeError, ValueError, OverflowError):

@@ -31,7 +31,21 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
 LONG = (
     {"README.md", "docs/faq.md", "docs/gallery.md", "docs/pictures.md", "docs/tutorial.md"}
     | {f"docs/notebooks/{name}.md" for name in ("delta", "paper", "tuning")}
-    | {f"docs/howto/{name}.md" for name in ("assembly_modes", "cluster", "gains", "rl", "tracking", "workspace")}
+    | {
+        f"docs/howto/{name}.md"
+        for name in (
+            "assembly_modes",
+            "cad_to_policy",
+            "cluster",
+            "gains",
+            "impedance",
+            "rl",
+            "ros2_control",
+            "robot_log",
+            "tracking",
+            "workspace",
+        )
+    }
 )
 
 

@@ -19,6 +19,7 @@ from tests.mutants.rooms import (
     covering,
     domain,
     folds_and_cusps,
+    identification,
     proof,
     sheets,
     singular,
@@ -40,6 +41,7 @@ _AREAS = (
     folds_and_cusps,
     stability,
     validated,
+    identification,
     transmission,
     auditing,
 )

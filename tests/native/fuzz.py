@@ -157,7 +157,8 @@ def ask_everything(kernel: Any, numbers: dict[str, Any], rng: np.random.Generato
         pushed = np.hstack([rng.integers(1, len(numbers["joints"]) + 1, size=(2, 1)), rng.normal(size=(2, 9))])
         singles = {
             "constraints": (near,), "constraint_rate": (near, rng.normal(size=nv)), "rcond": (near,),
-            "sigma": (q, near), "closed_point": (near, q), "terms": (near, v, q), "gravity": (near, q),
+            "sigma": (q, near), "closed_point": (near, q), "blocked": (near, q),
+            "terms": (near, v, q), "gravity": (near, q),
             "forward_dynamics": (near, v, u, q), "generalized_force": (near, v, a, q), "energy": (near, v, q),
             "inverse_dynamics": (near, v, a, q), "transmission": (near, q), "constraint_forces": (near, v, u, q),
             "bearing_forces": (near, v, u, q), "generalized_force_derivatives": (near, v, a, q),

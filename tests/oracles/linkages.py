@@ -12,8 +12,8 @@ import numpy as np
 
 
 def crank_angle(r, L, d):
-    """θ for the place of the rod's other end, the elbow bent as at the reference."""
-    A, B, k = -d[0], d[2], (r * r + d @ d - L * L) / (2 * r)
+    """θ for places of the rod's other end, of shape (3, …), the elbow bent as at the reference."""
+    A, B, k = -d[0], d[2], (r * r + (d * d).sum(axis=0) - L * L) / (2 * r)
     return np.arctan2(B, A) + np.arccos(k / np.hypot(A, B))
 
 

@@ -1,5 +1,6 @@
 """`compiled(model)`: the core's answers and refusals, whoever gives them, on the core's branch."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -186,3 +187,19 @@ def test_wrong_arguments(own, model):
     with pytest.raises(InvalidInputError):
         programs.compiled("rpdr")
     assert own.sigma_many(np.empty((0, model.nq))).shape == (0, model.mechanism.nq)
+    for threads in (0, -1, 0.5, 1.5, True, "2"):
+        for each in (own, model):
+            with pytest.raises(InvalidInputError, match="threads = "):
+                each.sigma_many(Q, threads=threads)
+    for wrong in (Q * (1 + 1e-9j), Q.astype(str), [object()] * 4):
+        with pytest.raises(InvalidInputError, match="Q "):
+            own.sigma_many(wrong)
+
+
+def test_a_pickle_answers_alike(own, model):
+    """It is compiled, or found, where it is read."""
+    again = pickle.loads(pickle.dumps(own))
+    Q, V, _ = batch(model, 4, 0.01)
+    assert again.backend == own.backend
+    for a, b in zip(again.terms_many(Q, V), own.terms_many(Q, V), strict=True):
+        np.testing.assert_array_equal(a, b)

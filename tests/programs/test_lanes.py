@@ -1,6 +1,8 @@
 """Programs in lanes: NumPy's numbers, the same bits in every lane and width, whatever the strides, rows and threads."""
 
+import pickle
 import platform
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -8,8 +10,9 @@ import pytest
 import ccpin
 from ccpin import programs
 from ccpin.errors import InvalidInputError
+from ccpin.programs import lanes
 from ccpin.programs.compiling import NoCompilerError, compiler
-from ccpin.programs.lanes import CompiledProgram, Width, width
+from ccpin.programs.lanes import CompiledProgram, InNumPy, Width, width
 
 try:
     compiler()
@@ -107,3 +110,91 @@ def test_wrong_inputs(program, inputs):
         run(*inputs[:3], inputs[3][:7])
     with pytest.raises(InvalidInputError, match="format"):
         programs.compiled(program, "half")
+    for none in ("rpdr", None):
+        with pytest.raises(InvalidInputError, match="program must be"):
+            CompiledProgram(none)
+
+
+NONE = {
+    "complex numbers": lambda u: u * (1 + 1e-9j),
+    "texts": lambda u: u.astype(str),
+    "dates": lambda u: np.zeros(u.shape, dtype="datetime64[s]"),
+    "objects": lambda u: [[object()] * u.shape[1]] * len(u),
+    "ragged rows": lambda u: [[1.0], *u[1:].tolist()],
+    "nothing": lambda u: None,
+    "names": lambda u: {"u": u},
+}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("way", NONE)
+@pytest.mark.parametrize("format", ["double", "float"])
+def test_what_is_no_number_is_refused(program, inputs, way, format):
+    """In lanes, and in NumPy where there is no compiler."""
+    wrong = [*inputs[:3], NONE[way](inputs[3])]
+    for run in (CompiledProgram(program, format), InNumPy(program)):
+        with pytest.raises(InvalidInputError, match="u "):
+            run(*wrong)
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.0, True, "2", None, 2**70])
+def test_threads_are_a_whole_number(program, inputs, threads):
+    for run in (CompiledProgram(program), InNumPy(program)):
+        with pytest.raises(InvalidInputError, match="threads = "):
+            run(*inputs, threads=threads)
+
+
+def test_more_threads_than_processors_are_as_many_as_these(program, inputs, monkeypatch):
+    """A hundred million do not start; one processor's starts none."""
+    run, wide = CompiledProgram(program), [np.tile(each, (9, 1)) for each in inputs]
+    wanted = run(*wide)
+    started = list[int]()
+    pool = lanes.ThreadPoolExecutor
+    monkeypatch.setattr(lanes, "ThreadPoolExecutor", lambda count: started.append(count) or pool(count))
+    for processors in (1, 3, None):
+        monkeypatch.setattr(lanes.os, "cpu_count", lambda processors=processors: processors)
+        for found, due in zip(run(*wide, threads=10**8), wanted, strict=True):
+            np.testing.assert_array_equal(found, due)
+    assert started == [2]
+
+
+@pytest.mark.parametrize("format", ["double", "float"])
+def test_memory_may_lie_as_it_likes(program, inputs, format):
+    """Fields of packed records, odd offsets, the other byte order, whole numbers, lists, read-only: the same bits."""
+    run = CompiledProgram(program, format)
+    wanted, _ = run(*inputs)
+    kind = wanted.dtype
+    table = inputs[0].astype(kind)
+    records = np.zeros(
+        len(table), dtype=[("first", "i4" if format == "double" else "i2"), ("q", kind, table.shape[1:])]
+    )
+    records["q"] = table
+    shifted = np.zeros(table.nbytes + 1, dtype=np.uint8)[1:].view(kind).reshape(table.shape)
+    shifted[:] = table
+    frozen = table.copy()
+    frozen.flags.writeable = False
+    for q in (records["q"], shifted, table.astype(kind.newbyteorder()), table.tolist(), table.astype(object), frozen):
+        np.testing.assert_array_equal(run(q, *inputs[1:])[0], wanted)
+    np.testing.assert_array_equal(run(*np.round(inputs).astype(np.int16))[0], run(*np.round(inputs))[0])
+
+
+def test_a_pickle_is_compiled_where_it_is_read(program, inputs):
+    """Or found in the cache; with its format and vectors."""
+    for run in (CompiledProgram(program, "float", Width("sse2", (), 16)), InNumPy(program)):
+        again = pickle.loads(pickle.dumps(run))
+        assert again.program.digest == program.digest
+        for found, wanted in zip(again(*inputs), run(*inputs), strict=True):
+            assert found.dtype == wanted.dtype
+            np.testing.assert_array_equal(found, wanted)
+    assert again.__class__ is InNumPy
+
+
+def test_threads_may_share_a_compiled_program(program, inputs):
+    """Eight at once, each on two threads: the bits of one."""
+    run, wide = CompiledProgram(program), [np.tile(each, (5, 1)) for each in inputs]
+    shifted = [[np.roll(each, k, axis=0) for each in wide] for k in range(8)]
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(lambda rows: run(*rows, threads=2), shifted))
+    for rows, found in zip(shifted, answers, strict=True):
+        for one, wanted in zip(found, run(*rows), strict=True):
+            np.testing.assert_array_equal(one, wanted)

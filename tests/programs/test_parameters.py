@@ -8,8 +8,12 @@ import pytest
 import ccpin
 from ccpin import programs
 from ccpin.description import Inertia, Joint, Link
+from ccpin.description.model import frame_from_rpy
 from ccpin.errors import InvalidInputError
+from ccpin.programs.recording.constants import geometry_of
 from ccpin.programs.recording.recorded_mechanism import numbering
+from tests.support.linkage_models import transmission_of
+from tests.support.rods import rod_four_bar
 
 QUANTITIES = ("mass", "gravity", "forward_dynamics", "energy")
 
@@ -54,6 +58,17 @@ def agree(program, p, changed, what=QUANTITIES):
         np.testing.assert_allclose(found["forward_dynamics"], q_dd, rtol=1e-9, atol=1e-9 * np.abs(q_dd).max())
         np.testing.assert_allclose(found["energy"], wanted["energy"], rtol=1e-9, atol=1e-11)
         assert found.status == 0
+
+
+def closed(model, names, p, changed):
+    """The closures of a model with parameters hold at closed states of the changed one, and not at its own."""
+    program, other = recorded(model, names, "closure"), ccpin.ReducedModel(changed)
+    own = numbering(other, other.mechanism.q_reference)
+    for step in (-0.05, 0.0, 0.08):
+        x = own.numbers(other.sigma(other.alpha(other.mechanism.q_reference) + step))
+        at = {"q": x[list(own.q.places)], "y": x[list(own.dependent)]}
+        np.testing.assert_allclose(program(**at, p=p)["closure"], 0.0, rtol=0, atol=1e-12)
+        assert np.abs(program(**at, p=np.array(program.example)[-len(names) :])["closure"]).max() > 1e-3
 
 
 @pytest.fixture(scope="module")
@@ -123,6 +138,63 @@ def test_lengths(mechanism):
     )
     changed = altered(description, joints={joint.name: replace(stated, placement=longer(stated.placement))})
     agree(program, p, ccpin.load(replace(changed, closures=closures)))
+
+
+def test_origins_along_the_axes_of_links():
+    """A joint's origin and a closure's, the latter on a plate that is fixed to its body, turned and off."""
+    description = rod_four_bar()
+    (rod,) = description.closures
+    mount = frame_from_rpy((0.02, 0.01, -0.03), (0.3, -0.7, 1.1))
+    held = Joint("mount", "fixed", "crank", "plate", mount)
+    on_plate = replace(rod, link_a="plate", placement_a=np.linalg.inv(mount) @ rod.placement_a)
+    whole = replace(
+        description, links=(*description.links, Link("plate")), joints=(*description.joints, held), closures=(on_plate,)
+    )
+    names = ["origin:rocker/x", "origin:rod/A/x", "origin:rod/A/y", "origin:rod/A/z", "distance:rod"]
+    program = recorded(ccpin.ReducedModel(ccpin.load(whole)), names)
+    rocker = next(joint for joint in whole.joints if joint.name == "rocker")
+    p = np.array([rocker.placement[0, 3], *on_plate.placement_a[:3, 3], rod.length])
+    np.testing.assert_array_equal(p, np.array(program.example)[-5:])
+    p = p + [0.01, 0.004, -0.005, 0.006, -0.007]
+    moved = replace(on_plate, placement_a=_at(on_plate.placement_a, p[1:4]), length=p[4])
+    place = replace(rocker, placement=_at(rocker.placement, [p[0], *rocker.placement[1:3, 3]]))
+    changed = ccpin.load(replace(altered(whole, joints={"rocker": place}), closures=(moved,)))
+    agree(program, p, changed)
+    closed(ccpin.ReducedModel(ccpin.load(whole)), names, p, changed)
+
+
+def _at(frame, position):
+    frame = np.array(frame)
+    frame[:3, 3] = position
+    return frame
+
+
+def test_ratios_of_couplings():
+    """Two of a differential's, one of them with a reference from which its displacement counts."""
+    description = transmission_of("neck").joint_model.mechanism.description
+    first, second = description.couplings
+
+    def with_ratios(a, b):
+        terms = (replace(second.terms[1], coefficients=(0.0, b), reference=0.2), *second.terms[2:])
+        one = replace(first, terms=(*first.terms[:2], replace(first.terms[2], coefficients=(0.0, a))))
+        return replace(description, couplings=(one, replace(second, terms=(second.terms[0], *terms))))
+
+    joints = first.terms[2].joint, second.terms[1].joint
+    names = [f"ratio:{first.name}/{joints[0]}", f"ratio:{second.name}/{joints[1]}"]
+    program = recorded(ccpin.ReducedModel(ccpin.load(with_ratios(0.8, -1.0))), names)
+    np.testing.assert_array_equal(np.array(program.example)[-2:], [0.8, -1.0])
+    agree(program, [0.7, -1.2], ccpin.load(with_ratios(0.7, -1.2)))
+    closed(
+        ccpin.ReducedModel(ccpin.load(with_ratios(0.8, -1.0))), names, [0.7, -1.2], ccpin.load(with_ratios(0.7, -1.2))
+    )
+    constant = replace(first, terms=(*first.terms, replace(first.terms[0], joint="left_motor", coefficients=(0.0,))))
+    bare = ccpin.ReducedModel(ccpin.load(replace(description, couplings=(constant, second))))
+    assert len(geometry_of(bare)) == len(geometry_of(ccpin.ReducedModel(ccpin.load(description))))
+    model = ccpin.ReducedModel(transmission_of("neck").joint_model.mechanism)
+    every = {each.name: each.value for each in geometry_of(model)}
+    assert [name for name in every if name.startswith("ratio")] == [
+        f"ratio:{each.name}/{term.joint}" for each in (first, second) for term in each.terms
+    ]
 
 
 def test_a_body_of_several_links(mechanism):

@@ -180,6 +180,7 @@ ALLOWED = {
     "PDSimpleGravity.torque": "as ControlLaw.torque",
     "PDFullGravity.torque": "as ControlLaw.torque",
     "Trajectory.of": "is the comparison",
+    "Log.of": "asks Trajectory.of",
     "TrackingLaw.torque": "as ControlLaw.torque",
     "TrackingLaw.torque_with": "as ControlLaw.torque",
     "TrackingLaw.brake": "as ControlLaw.torque",
@@ -216,6 +217,7 @@ def two_objects():
     rooms = (
         "dynamics",
         "domain",
+        "identification",
         "control",
         "simulation",
         "validated",

@@ -32,6 +32,7 @@ ORDER = (
     "plotting",
     "pages",
     "transmission",
+    "identification",
     "paper",
     "report",
     "studio",

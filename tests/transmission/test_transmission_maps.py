@@ -227,3 +227,60 @@ def test_an_ankle_by_somebody_else():
     posture = found.at(q)
     expected = np.stack([derivative(lambda s, w=w: found.motor_from_joint(q + s * w)) for w in np.eye(2)], axis=1)
     np.testing.assert_allclose(posture.jacobian, expected, rtol=0, atol=1e-9)
+
+
+@each
+def test_inertia_is_mujocos_projected(name, tmp_path):
+    """D = ρᵀMρ, M MuJoCo's of the file that was written, rotors included; of rods on balls the spin at no momentum.
+
+    Where a spin is locked, D is the Schur complement of that of the mechanism with the spin left free.
+    """
+    mujoco = pytest.importorskip("mujoco")
+    still, whole = (ccpin.ReducedModel(loaded(name, **more)) for more in ({}, {"free": ["all"]}))
+    still.mechanism.save(tmp_path / "robot.xml")
+    engine = mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml"))
+    rng, mass = np.random.default_rng(8), np.zeros((engine.nv, engine.nv))
+    data, near = mujoco.MjData(engine), still.mechanism.q_reference
+    places = {each.name: engine.joint(each.name) for each in still.mechanism.tree.joints}
+    for _ in range(8):
+        state = still.at(still.alpha(still.mechanism.q_reference) + rng.uniform(-0.1, 0.1, still.n), near)
+        rows = []
+        for joint in still.mechanism.tree.joints:
+            told = np.array(joint.kind.told(state.q_free[joint.q]))
+            data.qpos[places[joint.name].qposadr[0] :][: len(told)] = told[[3, 0, 1, 2]] if len(told) == 4 else told
+            rows += [places[joint.name].dofadr[0] + k for k in range(joint.v.stop - joint.v.start)]
+        mujoco.mj_forward(engine, data)
+        mujoco.mj_fullM(engine, data, mass)
+        free = whole.at(whole.alpha(state.q_free), state.q_free)
+        D = free.rho.T @ mass[np.ix_(rows, rows)] @ free.rho
+        np.testing.assert_allclose(free.D, D, rtol=0, atol=1e-12 * np.abs(D).max())
+        n = still.n
+        reduced = D[:n, :n] - D[:n, n:] @ np.linalg.solve(D[n:, n:], D[n:, :n])
+        np.testing.assert_allclose(state.D, reduced, rtol=0, atol=1e-12 * np.abs(D).max())
+
+
+@pytest.mark.parametrize("name", ["ankle", "knee"])
+def test_either_side_is_certified_by_domain(name):
+    """σ in the joints' coordinates and in the motors'."""
+    found = transmission_of(name)
+    for model, side in ((found.joint_model, found.joint_side), (found.motor_model, found.motor_side)):
+        start = model.alpha(model.mechanism.q_reference)
+        q = side.positions(start)
+        assert ccpin.domain.certify(model, start, (q - 0.1, q + 0.1)).certified_fraction == 1.0
+
+
+def test_motors_coordinates_end_where_the_motor_turns_back():
+    """The knee's lever goes all round, its motor to and fro between the extremes of the closed form's q_m."""
+    found, form = transmission_of("knee"), FORMS["knee"]
+    reached = np.array([form.motors([q])[0] for q in np.linspace(-np.pi, np.pi, 4001)])
+    least, most = reached.min(), reached.max()
+    model = found.motor_model
+    start = model.alpha(model.mechanism.q_reference)
+    atlas = ccpin.domain.certify(model, start, ([least - 0.2], [most + 0.2]))
+    assert atlas.contains([least + 1e-3])
+    assert atlas.contains([most - 1e-3])
+    assert not atlas.contains([least - 1e-6])
+    assert not atlas.contains([most + 1e-6])
+    joint = found.joint_model
+    around = ccpin.domain.certify(joint, joint.alpha(joint.mechanism.q_reference), ([-3.0], [3.0]))
+    assert around.certified_fraction == 1.0

@@ -23,6 +23,10 @@ COMMANDS: dict[str, Command] = {
     "transmission": Command(
         "transmission", "from motors to joints through the closed chain: ratios, rotor inertia, limits, shortcuts"
     ),
+    "excite": Command(
+        "excite", "a motion along which the constants of the mechanism show, within limits, on its branch"
+    ),
+    "identify": Command("identify", "masses, inertias, friction from logs: with deviations, as a file and a page"),
     "simulate": Command("simulate", "a set-point motion, once or in cycles, with figures and data"),
     "domain": Command("domain", "where the model holds: certified radii, an atlas, singular curves"),
     "merge": Command(

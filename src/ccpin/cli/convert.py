@@ -12,15 +12,19 @@ from ccpin.cli.command import add_command, complete
 from ccpin.cli.notes import gathered
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
+from ccpin.cli.serial import add_serial, convert_serial, refuse_without_serial
 from ccpin.description.formats import FORMATS, LOOPS, MESHES, format_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
+_EXAMPLES = """\
+example: ccpin convert rpdr --out rpdr.xml --loops tight --check
+         ccpin convert four_bar --serial --out serial.urdf"""
+
 
 def add_convert(commands: Any) -> None:
     """The command and its options."""
-    example = "example: ccpin convert rpdr --out rpdr.xml --loops tight --check"
-    parser = add_command(commands, "convert", example, _convert)
+    parser = add_command(commands, "convert", _EXAMPLES, _convert)
     add_mechanism(parser)
     written = "the file to write; .urdf, .sdf, .xml or .yaml"
     complete(parser.add_argument("--out", required=True, metavar="FILE", help=written), shtab.FILE)
@@ -31,9 +35,13 @@ def add_convert(commands: Any) -> None:
     parser.add_argument("--meshes", choices=MESHES, default="copied", help=placed)
     ran = "run the .xml in MuJoCo for a second beside the reduced model: how far loops open and joints go astray"
     parser.add_argument("--check", action="store_true", help=ran)
+    add_serial(parser)
 
 
 def _convert(options: argparse.Namespace) -> int:
+    if options.serial:
+        return convert_serial(options)
+    refuse_without_serial(options)
     mechanism = load(options)
     wanted = options.to or format_of(options.out)
     if options.check and wanted != "mjcf":

@@ -6,66 +6,126 @@ import argparse
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import shtab
 
 from ccpin.arrays import Array
 from ccpin.cli.command import add_command, complete, positive
+from ccpin.cli.measured_pairs import add_identify, identify
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.errors import InvalidInputError
+from ccpin.transmission.limits_search import FORMS
+from ccpin.transmission.motor_bounds import one_each
+from ccpin.transmission.motor_limits import LimitsCertificate, certify_limits
 from ccpin.transmission.polytopes import Polytope
 from ccpin.transmission.posture import Posture
+from ccpin.transmission.ros2_package import export_ros2
 from ccpin.transmission.shortcuts import SHORTCUTS, compare
 from ccpin.transmission.surveys import Survey, survey
 from ccpin.transmission.swing import Swing
 from ccpin.transmission.transmission import Transmission
 
+_CELLS = 1024  # into which a region is cut to prove limits over it
 _EXAMPLES = """\
 example: ccpin transmission four_bar
          ccpin transmission four_bar --rotor 2e-4 --shortcuts 1 4 --out limits.png
-         ccpin transmission rpdr --joints joint3 joint4 --effort 10 --speed 20"""
+         ccpin transmission rpdr --joints joint3 joint4 --effort 10 --speed 20
+         ccpin transmission four_bar --effort 10 --speed 20 --within 0.2
+         ccpin transmission four_bar --ros2 four_bar_linkage --maintainer 'Ada <ada@lab.org>'"""
 
 
 def add_transmission(commands: Any) -> None:
     """The command and its options."""
     parser = add_command(commands, "transmission", _EXAMPLES, _transmission)
     add_mechanism(parser)
-    parser.add_argument("--joints", nargs="+", metavar="JOINT", help="the serial robot's (default: where evident)")
-    parser.add_argument("--motors", nargs="+", metavar="JOINT", help="the joints driven (default: the file's motors)")
-    behind = "behind the gear, one number or one each"
-    parser.add_argument("--effort", nargs="+", type=positive, metavar="NM", help=f"limits of the motors {behind}")
-    parser.add_argument("--speed", nargs="+", type=positive, metavar="RAD/S", help=f"limits of the motors {behind}")
-    parser.add_argument("--rotor", nargs="+", type=positive, metavar="KGM2", help=f"rotor inertia {behind}")
+    add_sides(parser)
+    within = "prove limits of efforts and speeds over joints so far from the reference, one number or one each"
+    parser.add_argument("--within", nargs="+", type=positive, metavar="RAD", help=within)
     swing = "frequencies of swings over a third of the range along which shortcuts are compared"
     parser.add_argument("--shortcuts", nargs="+", type=positive, metavar="HZ", help=swing)
-    written = "draw limits of effort and speed as a picture (.png, .pdf, .svg), or write a page with sliders (.html)"
+    add_identify(parser)
+    written = (
+        "draw limits of effort and speed as a picture (.png, .pdf, .svg), or write a page with sliders (.html); "
+        "with --identify the mechanism found (.urdf, .sdf, .xml)"
+    )
     complete(parser.add_argument("--out", type=Path, metavar="FILE", help=written), shtab.FILE)
+    package = "write a ROS 2 package into this folder: a transmission plugin of ros2_control, with a test"
+    complete(parser.add_argument("--ros2", type=Path, metavar="DIR", help=package), shtab.DIRECTORY)
+    parser.add_argument("--ros2-name", metavar="NAME", help="of that package (default: of the mechanism)")
+    parser.add_argument(
+        "--maintainer", default="", metavar="'NAME <ADDRESS>'", help="of that package; it has to have one"
+    )
+    parser.add_argument(
+        "--license", default="Proprietary", metavar="SPDX", help="of that package (default Proprietary)"
+    )
 
 
 def _transmission(options: argparse.Namespace) -> int:
     mechanism = load(options)
     transmission = Transmission(mechanism, options.joints, options.motors)
+    if options.identify is not None:
+        identify(transmission, options)
+        return 0
     if options.rotor is not None:
-        transmission = _with_rotors(transmission, options.rotor)
-    effort, speed = _each(options.effort), _each(options.speed)
+        transmission = with_rotors(transmission, options.rotor)
+    effort, speed = each_of(options.effort), each_of(options.speed)
     with busy(options.json, "postures over the range"):
         found = survey(transmission)
         facts = _facts(found, effort, speed)
     if options.shortcuts:
         with busy(options.json, "shortcuts along swings"):
             facts["shortcuts"] = list(_compared(found, options.shortcuts))
+    proved = list[LimitsCertificate]()
+    if (within := each_of(options.within)) is not None:
+        with busy(options.json, "limits proved"):
+            far = one_each(transmission.joints, within, "--within")
+            facts["proved"], proved = _proved(transmission, far, effort, speed)
+            facts["within"] = far.tolist()
     if options.out is not None:
         with busy(options.json, "drawing"):
-            _draw(found, options.out, list(_in_words(facts)), effort, speed)
+            _draw(found, options.out, list(_in_words(facts)), effort, speed, proved)
         facts["written"] = str(options.out)
+    if options.ros2 is not None:
+        with busy(options.json, "recording"):
+            own = {"maintainer": options.maintainer, "license": options.license, "name": options.ros2_name}
+            facts["ros2"] = list(map(str, export_ros2(transmission, options.ros2, **own)))
     print(json.dumps(facts, indent=2) if options.json else "\n".join(_in_words(facts)))
     return 0
 
 
-def _draw(found: Survey, out: Path, words: Sequence[str], effort: Array | None, speed: Array | None) -> None:
+def _proved(
+    transmission: Transmission, far: Array, effort: Array | None, speed: Array | None
+) -> tuple[list[dict[str, Any]], list[LimitsCertificate]]:
+    """Boxes and ellipsoids over a region about the reference, as numbers and as certificates."""
+    home, told, found = transmission.reference.q_joint, list[dict[str, Any]](), list[LimitsCertificate]()
+    given: tuple[tuple[Literal["effort", "speed"], Array | None, Array | None], ...]
+    given = ("effort", effort, None), ("speed", None, speed)
+    for of, most, fastest in given:
+        for form in FORMS:
+            row: dict[str, Any] = {"of": of, "form": form}
+            try:
+                made = certify_limits(
+                    transmission, (home - far, home + far), of, form=form, effort=most, speed=fastest, max_cells=_CELLS
+                )
+                found.append(made)
+                row |= {"verdict": made.verdict, "reason": made.reason, "size": made.size.tolist()}
+            except InvalidInputError as error:
+                row |= {"verdict": "undecided", "reason": str(error)}
+            told.append(row)
+    return told, found
+
+
+def _draw(
+    found: Survey,
+    out: Path,
+    words: Sequence[str],
+    effort: Array | None,
+    speed: Array | None,
+    proved: Sequence[LimitsCertificate],
+) -> None:
     """A page or a picture, by the file's ending."""
     from ccpin import plotting
     from ccpin.files import writable_target, write_atomically
@@ -73,18 +133,28 @@ def _draw(found: Survey, out: Path, words: Sequence[str], effort: Array | None, 
     from ccpin.transmission.pictures import plot_limits
 
     if out.suffix != ".html":
-        plotting.save(plot_limits(found.transmission, effort=effort, speed=speed), out)
+        plotting.save(plot_limits(found.transmission, effort=effort, speed=speed, proved=proved), out)
         return
-    page = transmission_page(found, words, effort=effort, speed=speed)
+    page = transmission_page(found, words, effort=effort, speed=speed, proved=proved)
     write_atomically(writable_target(out), "w", lambda file: file.write(page))
 
 
-def _each(given: Sequence[float] | None) -> Array | None:
+def add_sides(parser: Any) -> None:
+    """The options that say which joints and motors there are, and what the motors are like."""
+    parser.add_argument("--joints", nargs="+", metavar="JOINT", help="the serial robot's (default: where evident)")
+    parser.add_argument("--motors", nargs="+", metavar="JOINT", help="the joints driven (default: the file's motors)")
+    behind = "behind the gear, one number or one each"
+    parser.add_argument("--effort", nargs="+", type=positive, metavar="NM", help=f"limits of the motors {behind}")
+    parser.add_argument("--speed", nargs="+", type=positive, metavar="RAD/S", help=f"limits of the motors {behind}")
+    parser.add_argument("--rotor", nargs="+", type=positive, metavar="KGM2", help=f"rotor inertia {behind}")
+
+
+def each_of(given: Sequence[float] | None) -> Array | None:
     """One number for all, or one each."""
     return None if given is None else np.array(given[0] if len(given) == 1 else given)
 
 
-def _with_rotors(transmission: Transmission, rotors: Sequence[float]) -> Transmission:
+def with_rotors(transmission: Transmission, rotors: Sequence[float]) -> Transmission:
     """The same with rotor inertias stated of the motors' joints."""
     from ccpin.description.changes.overrides import with_stated
     from ccpin.mechanism.loading.loader import load as load_mechanism
@@ -190,8 +260,14 @@ def _in_words(facts: dict[str, Any]) -> Iterator[str]:
         box, common = (" × ".join(f"{x:.4g}" for x in told[key]) for key in ("box", "box_sampled"))
         share = f"{100 * told['share']:.0f} % of the box around it"
         yield f"  {name}: {share}; largest box inside ±({box}), in all sampled ±({common})"
+    if "within" in facts:
+        yield f"  at all postures within ±({' × '.join(f'{x:.4g}' for x in facts['within'])}) of the reference:"
+    for row in facts.get("proved", ()):
+        yield f"  {row['verdict']}: {row['reason']}"
     for row in facts.get("shortcuts", ()):
         part = f"{100 * row['torque_error']:.1f} % of the effort is missing"
         yield f"  {row['shortcut']:<18} at {row['frequency']:g} Hz: {part}"
     if "written" in facts:
         yield f"wrote {facts['written']}"
+    if "ros2" in facts:
+        yield f"wrote {len(facts['ros2'])} files of a ROS 2 package, of which nothing is proved"

@@ -192,8 +192,7 @@ class Waypoints(Reference):
         self._coordinates, self._q_start, self._q_goal = coordinates, rows[0], rows[-1]
         steps = [coordinates.difference(a, b) for a, b in itertools.pairwise(rows)]
         way = np.vstack([np.zeros(coordinates.n), np.cumsum(steps, axis=0)])
-        rest = [(order, np.zeros(coordinates.n)) for order in ((1,) if degree == 3 else (1, 2))]
-        spline: BSpline = make_interp_spline(stamps, way, k=degree, bc_type=(rest, rest))
+        spline = from_rest_to_rest(stamps, way, degree)
         self._spline, self._rate, self._second = spline, spline.derivative(), spline.derivative(2)
 
     def at(self, t: float) -> ReferenceState:
@@ -217,6 +216,12 @@ class Waypoints(Reference):
         """The next knot of the spline."""
         k = int(np.searchsorted(self._spline.t, t, side="right"))
         return float(self._spline.t[k]) if k < len(self._spline.t) else np.inf
+
+
+def from_rest_to_rest(times: Array, way: Array, degree: int = 5) -> BSpline:
+    """The interpolating spline of degree 3 or 5 whose velocity (of degree 5, acceleration too) is zero at both ends."""
+    rest = [(order, np.zeros(way.shape[1])) for order in ((1,) if degree == 3 else (1, 2))]
+    return make_interp_spline(times, way, k=degree, bc_type=(rest, rest))
 
 
 def through_points(

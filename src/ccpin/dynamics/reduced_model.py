@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, frozen, instance, positive, vector
+from ccpin.arrays import Array, frozen, instance, vector, whole
 from ccpin.displays import table
 from ccpin.dynamics.batches import Failures, Rows, completed, rows, together
 from ccpin.dynamics.derivatives import (
@@ -22,6 +22,8 @@ from ccpin.dynamics.derivatives import (
     InverseDynamicsDerivatives,
 )
 from ccpin.dynamics.free_system import Energy, FreeSystem
+from ccpin.dynamics.linear_forces import regressor
+from ccpin.dynamics.parameters import DynamicParameters, dynamic_parameters
 from ccpin.dynamics.reference_backend import ReferenceBackend
 from ccpin.dynamics.state import Near, ReducedTerms, State
 from ccpin.dynamics.wrenches import Wrenches, wrench_rows
@@ -106,6 +108,11 @@ class ReducedModel:
         if isinstance(self.core, Declining):
             return Backend("numpy", self.core.reason)
         return backend()
+
+    @cached_property
+    def parameters(self) -> DynamicParameters:
+        """π: the constants in which the equations of motion are linear, with their values (`State.regressor`)."""
+        return dynamic_parameters(self.mechanism.tree)
 
     @cached_property
     def digests(self) -> Digests:
@@ -300,6 +307,15 @@ class ReducedModel:
         found = self._many("forward_dynamics_derivatives", given, near, threads, shapes, failures)
         return ForwardDynamicsDerivatives(*found)
 
+    def regressor_many(
+        self, Q: Rows, V: Rows, A: Rows, near: Near = None, *, threads: int = 1, failures: Failures | None = None
+    ) -> Array:
+        """`State.regressor` of each row of Q, V and A, of shape (N, n, p)."""
+        v, a = rows(V, "V", self.n), rows(A, "A", self.n)
+        together(v, a)
+        there = self.terms_many(Q, v, near, threads=threads, failures=failures)
+        return regressor(self.mechanism.tree, self.free_system, there.q_free, there.rho, there.rho_dot, v, a, v)
+
     def _many(
         self,
         name: str,
@@ -311,7 +327,7 @@ class ReducedModel:
     ) -> list[Array]:
         """Each row of the arguments given to the shorthand of that name, field by field."""
         count = together(*given)
-        found = getattr(self.core, f"{name}_many")(*given, self._place(near), int(positive(threads, "threads")))
+        found = getattr(self.core, f"{name}_many")(*given, self._place(near), whole(threads, "threads"))
         if found is not None:
             finite = np.logical_and.reduce([np.isfinite(array).all(axis=1) for array in given])
             found = ((found[0],) if len(shapes) == 1 else found[0]), found[1] & finite

@@ -16,6 +16,7 @@ from ccpin.dynamics.derivatives import (
     InverseDynamicsDerivatives,
 )
 from ccpin.dynamics.free_system import Energy
+from ccpin.dynamics.linear_forces import energy_regressor, regressor
 from ccpin.dynamics.reference_backend import ModelLike as ReferenceModel
 from ccpin.dynamics.reference_backend import ReferenceBackend, locked
 from ccpin.dynamics.wrenches import Applied, Wrenches, applied_wrenches, wrench_rows
@@ -253,6 +254,28 @@ class State:
         if answer is None:
             return self.reference.constraint_forces(self._velocity(v), self._effort(u), wrenches, self._loads(loads))
         return np.asarray(answer)
+
+    # Linear in the constants π of the model (`ReducedModel.parameters`).
+
+    def regressor(self, v: ArrayLike, a: ArrayLike, v_r: ArrayLike | None = None) -> Array:
+        """Y with Y π = D q̈ + C q̇ + damping q̇ + g + ρᵀf (22), of shape (n, p): `tau`, and friction f = c sign(q̇′).
+
+        Args:
+            v: q̇, of shape (n,).
+            a: q̈, or q̈_r, of shape (n,).
+            v_r: q̇_r of Slotine and Li's law, which C(q̇) and the dampers multiply, of shape (n,); default q̇.
+        """
+        velocity = self._velocity(v)
+        along = velocity if v_r is None else vector(v_r, "v_r", self.model.n)
+        given = self.q_free, self.rho, self.rho_dot(velocity), velocity, self._acceleration(a), along
+        return np.asarray(regressor(self.model.mechanism.tree, self.model.free_system, *(x[None] for x in given))[0])
+
+    def energy_regressor(self, v: ArrayLike) -> Array:
+        """Y_E, of shape (p,): Y_E π is the energy, kinetic and potential, but for the constant ½ Σ k θ₀² of springs.
+
+        Its rate is u's power less what dampers and friction take.
+        """
+        return energy_regressor(self.model.mechanism.tree, self.model.free_system, self.q_free, self.v_free(v))
 
     # Motors.
 

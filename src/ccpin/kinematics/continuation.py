@@ -67,7 +67,7 @@ class Continuation:
 
     Attributes:
         reaches: k and t.
-        unstructured: B, two right sides of ψ_q′ without structure, of shape (m + n, 2).
+        unstructured: B (`_unstructured`).
     """
 
     def __init__(self, constraints: Constraints, coordinates: IndependentCoordinates, tolerance: float) -> None:
@@ -75,7 +75,7 @@ class Continuation:
         self.coordinates = coordinates
         self.tolerance = tolerance
         self.reaches = DerivativeBounds(constraints, coordinates)
-        self.unstructured = np.random.default_rng(0).uniform(-1.0, 1.0, (constraints.size + coordinates.n, 2))
+        self.unstructured = _unstructured(constraints.size, coordinates)
 
     def proved(self, start: ConstraintValue, end: ConstraintValue, factor: Factor, off: float) -> bool:
         """Whether the lift of the straight line from ψ(start) to ψ(end) through `end` is proved to begin at `start`.
@@ -117,6 +117,23 @@ class Continuation:
             entries = joint.kind.entries
             brackets[joint.v, joint.v] = pin.Motion(joint.kind.twist(step[joint.v])).action[np.ix_(entries, entries)]
         return brackets
+
+
+def _unstructured(rows: int, coordinates: IndependentCoordinates) -> Array:
+    """B, two right sides of ψ_q′ without structure, of shape (rows + n, 2); zero in the rows of whole joints.
+
+    Their columns are known, so that ψ_q′⁻¹ B is what solves the others' equations alone. How near to a singular
+    configuration σ answers is told by |ψ_q′⁻¹ B|, so whatever computes σ takes this one B.
+    """
+    whole = np.zeros(rows + coordinates.n, dtype=bool)
+    for part in coordinates.parts:
+        whole[rows + part.v.start : rows + part.v.stop] = part.component is None
+    B, chaotic = np.zeros((len(whole), 2)), 0.5
+    for place, row in enumerate(np.flatnonzero(~whole)):
+        for column, turned in enumerate((place % 2, place // 2 % 2)):
+            chaotic = 3.9 * chaotic * (1.0 - chaotic)
+            B[row, column] = chaotic + 0.1 if turned else -chaotic - 0.1
+    return B
 
 
 class _Majorant:

@@ -75,6 +75,7 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
         "gears": [] if direct else mechanism.motors.gears.tolist(),
         "turnable": parametrization.turnable,
         "tolerance": parametrization.rules.tolerance,
+        "unstructured": parametrization.continuation.unstructured.ravel().tolist(),
         "gravity": np.array(mechanism.description.gravity if gravity is None else gravity, dtype=np.float64),
         "reference": np.array(mechanism.q_reference).tolist(),
     }

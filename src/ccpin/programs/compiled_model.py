@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, overload
 
 import numpy as np
 
-from ccpin.arrays import Array, Mask, choice, instance, positive
+from ccpin.arrays import Array, Mask, choice, instance, whole
 from ccpin.dynamics.batches import Failures, Rows, completed, rows, together
 from ccpin.dynamics.derivatives import ForwardDynamicsDerivatives
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
@@ -78,6 +78,9 @@ class CompiledModel:
             return
         self.backend = LaneBackend("lanes", f"{width().name}, compiled by {command[0]}; {own.name} where it declines")
 
+    def __reduce__(self) -> tuple[type[CompiledModel], tuple[ReducedModel]]:
+        return CompiledModel, (self.model,)
+
     def sigma_many(self, Q: Rows, near: Near = None, *, threads: int = 1, failures: Failures | None = None) -> Array:
         """σ of each row of Q (N, model.nq), of shape (N, nq)."""
         given = [rows(Q, "Q", self.model.nq)]
@@ -128,7 +131,7 @@ class CompiledModel:
         failures: Failures | None,
     ) -> list[Array]:
         """Rows by the program, then by the core, then one by one by the reference, which explains."""
-        count, threads = together(*given), int(positive(threads, "threads"))
+        count, threads = together(*given), whole(threads, "threads")
         held = self._starts(near, count)
         fields, answered = self._by_program(name, given, held, threads, shapes)
         rest = np.flatnonzero(~answered)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import marshal
+import os
 import platform
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import choice
+from ccpin.arrays import choice, instance, numbers, whole
 from ccpin.errors import InvalidInputError
 from ccpin.programs import c_code, certified_region, evaluation, folding, sine_cosine
 from ccpin.programs.c_code import kernel_of, lane_macros
@@ -61,7 +62,7 @@ def _flags_of_processor() -> set[str]:
 
 
 class CompiledProgram:
-    """A program in lanes.
+    """A program in lanes, to be called by any number of threads; a pickle is compiled, or found, where it is read.
 
     Args:
         program: The program.
@@ -69,16 +70,21 @@ class CompiledProgram:
         vectors: Their width, default the widest there is.
 
     Raises:
+        InvalidInputError: It is no program, or another format.
         NoCompilerError: There is no compiler (`CC`, cc, gcc or clang), or it fails.
         CcpinError: The folder for compiled programs is not the user's.
     """
 
     def __init__(self, program: Program, format: Format = "double", vectors: Width | None = None) -> None:
-        self.program, self.format = program, choice(format, "format", tuple(PRECISIONS))
+        self.program, self.format = instance(program, "program", Program), choice(format, "format", tuple(PRECISIONS))
+        self._vectors = vectors
         self._type = np.dtype(np.float64 if format == "double" else np.float32)
         wide = vectors or width()
         flags = ("-O2" if len(program.code.instructions) <= PIECE else "-O1", *wide.flags)
         self._use(loaded(lambda: source(program, format, wide), _made_of(program, format, wide), flags, self._examined))
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return CompiledProgram, (self.program, self.format, self._vectors)
 
     def _use(self, library: ctypes.CDLL) -> None:
         self._run = library.many
@@ -99,24 +105,45 @@ class CompiledProgram:
         return close and int(found[-1][0]) == wanted.status
 
     def __call__(self, *inputs: ArrayLike, threads: int = 1) -> tuple[NDArray[Any], ...]:
-        """The outputs, each of shape (N, …), and the status, (N,), at inputs of shape (N, …), or of one row for all."""
-        ports = self.program.inputs
+        """The outputs, each of shape (N, …), and the status, (N,), at inputs of shape (N, …), or of one row for all.
+
+        Args:
+            inputs: In the program's order; they may be of any memory layout.
+            threads: Among which rows are divided, no more than there are processors.
+
+        Raises:
+            InvalidInputError: Inputs too few, of other shapes or no real numbers; no whole number of threads.
+        """
+        ports, threads = self.program.inputs, min(whole(threads, "threads"), os.cpu_count() or 1)
         if len(inputs) != len(ports):
             raise InvalidInputError(f"{len(inputs)} inputs for {', '.join(port.name for port in ports)}")
-        tables = [np.asarray(value, dtype=self._type) for value in inputs]
+        tables = [self._read(value, port.name) for value, port in zip(inputs, ports, strict=True)]
         rows = max((len(t) for t, port in zip(tables, ports, strict=True) if t.ndim > len(port.shape)), default=1)
         flat = list[NDArray[Any]]()
         for table, port in zip(tables, ports, strict=True):
-            whole = table.shape == port.shape
-            if not whole and (table.ndim != len(port.shape) + 1 or table.shape[1:] != port.shape or len(table) != rows):
+            one = table.shape == port.shape
+            if not one and (table.ndim != len(port.shape) + 1 or table.shape[1:] != port.shape or len(table) != rows):
                 raise InvalidInputError(f"{port.name} must be of shape {port.shape} or ({rows}, …), not {table.shape}")
-            wide = np.broadcast_to(table, (rows, *port.shape)) if whole else table
+            wide = np.broadcast_to(table, (rows, *port.shape)) if one else table
             flat.append(wide.reshape(rows, port.size) if len(port.shape) != 1 else wide)
         found = [np.empty((port.size, rows), dtype=self._type).T for port in self.program.outputs]
         status = np.empty(rows, dtype=np.int32)
         self._fill(flat, found, status, threads)
         shaped = (f.reshape(rows, *port.shape) for f, port in zip(found, self.program.outputs, strict=True))
         return (*shaped, status)
+
+    def _read(self, value: ArrayLike, name: str) -> NDArray[Any]:
+        """An input in the format, in steps of whole numbers of it.
+
+        Raises:
+            InvalidInputError: It is of something else than real numbers.
+        """
+        if isinstance(value, np.ndarray) and value.dtype == self._type:
+            table = value
+        else:
+            table = numbers(value, name).astype(self._type, copy=False)
+        apart = all(step % self._type.itemsize == 0 for step in table.strides)
+        return table if apart and table.flags.aligned else table.copy()  # a field of records, or of a packed file
 
     def bound(
         self, inputs: list[NDArray[Any]], outputs: list[NDArray[Any]], status: NDArray[Any]
@@ -169,6 +196,7 @@ class InNumPy:
 
     def __call__(self, *inputs: ArrayLike, threads: int = 1) -> tuple[Any, ...]:
         """As `CompiledProgram`'s."""
+        whole(threads, "threads")
         names = [port.name for port in self.program.inputs]
         told = self.program(**dict(zip(names, inputs, strict=True)))
         return *told.values(), np.atleast_1d(told.status)
@@ -192,8 +220,8 @@ def _made_of(program: Program, format: Format, vectors: Width) -> str:
     sizes = [[port.size for port in ports] for ports in (program.inputs, program.outputs)]
     checks = [(pivot.number, pivot.scale) for pivot in program.pivots], program.corrections, program.tolerance
     region = program.region and [list(map(float, end)) for end in program.region[:2]] + [list(program.region.formats)]
-    whole = (code.inputs, lines, code.outputs, sizes, checks, region, format, vectors.bytes, _writers())
-    return sha256(marshal.dumps(whole, 2)).hexdigest()  # version 2: of the values alone, not of which are one object
+    parts = (code.inputs, lines, code.outputs, sizes, checks, region, format, vectors.bytes, _writers())
+    return sha256(marshal.dumps(parts, 2)).hexdigest()  # version 2: of the values alone, not of which are one object
 
 
 @cache

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, numbers
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.programs.certified_region import OUTSIDE, CertifiedRegion, region_of
@@ -144,10 +144,10 @@ class Program:
 
     def __call__(self, **inputs: ArrayLike) -> Answer:
         """The outputs at inputs of the ports' shapes, or of many at once along a first axis more."""
-        numbers, many = self._numbers(inputs)
-        rows = len(numbers)
+        given, many = self._numbers(inputs)
+        rows = len(given)
         with np.errstate(all="ignore"):
-            values = values_of(self.code, list(numbers.T), np)
+            values = values_of(self.code, list(given.T), np)
             status = self._status(values, rows)
         found = dict[str, Array]()
         for port, window in zip(self.outputs, windows(self.outputs), strict=True):
@@ -184,7 +184,7 @@ class Program:
             raise InvalidInputError(
                 f"the inputs of '{self.name}' are {', '.join(known)}, not {', '.join(inputs) or 'none'}"
             )
-        given = [(port, np.asarray(inputs[port.name], dtype=np.float64)) for port in self.inputs]
+        given = [(port, numbers(inputs[port.name], port.name)) for port in self.inputs]
         many = any(value.ndim > len(port.shape) for port, value in given)
         for port, value in given:
             if value.shape[value.ndim - len(port.shape) :] != port.shape or value.ndim > len(port.shape) + 1:

@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ccpin.arrays import choice
 from ccpin.control.control_law import ControlLaw
 from ccpin.control.references import ReferenceState
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.errors import UnsupportedMechanismError
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.programs.program_sources import REFERENCE
 from ccpin.programs.recording.constants import Constants, Parameter
 from ccpin.programs.recording.recorded_laws import (
@@ -42,6 +43,7 @@ class TapedModel(NamedTuple):
             reference moves also q_d, q̇_d, q̈_d, and g(q_d), of shape (n,) each.
         law: The law, where one is recorded.
         points: Points of links, by the names of their outputs.
+        across: Places in x of the joints whose displacements are asked for.
         constants: The constants, some of them parameters.
     """
 
@@ -52,6 +54,7 @@ class TapedModel(NamedTuple):
     inputs: dict[str, Table]
     law: ControlLaw | None
     points: dict[str, EndEffector]
+    across: tuple[int, ...]
     constants: Constants
 
 
@@ -77,6 +80,7 @@ def taped_model(
     points: dict[str, EndEffector],
     parameters: Sequence[Parameter] = (),
     moving: bool = False,
+    across: Sequence[str] = (),
 ) -> TapedModel:
     """A fresh tape with a model on it; of a law whose reference is `moving` that is an input."""
     sizes = {"x": len(own.near), "v": model.n, "u": model.n_actuated, "a": model.n, "p": len(parameters)}
@@ -86,7 +90,18 @@ def taped_model(
     inputs = dict(zip(sizes, np.split(np.array(tape.inputs, dtype=object), ends), strict=True))
     constants = Constants(model, dict(zip(parameters, inputs["p"], strict=True)))
     recorded = recorded_model(tape, model, own, (inputs["x"], inputs["v"]), near, constants)
-    return TapedModel(tape, model, own, recorded, inputs, law, points, constants)
+    return TapedModel(tape, model, own, recorded, inputs, law, points, _places_of(model, own, across), constants)
+
+
+def _places_of(model: ReducedModel, own: Numbering, names: Sequence[str]) -> tuple[int, ...]:
+    """Where the displacements of joints of one freedom stand in x.
+
+    Raises:
+        InvalidInputError: A name of no such joint.
+    """
+    tree = model.mechanism.tree
+    held = {tree.joints[joint.number - 1].name: joint for joint in own.joints if joint.x.stop - joint.x.start == 1}
+    return tuple(held[choice(name, "across", tuple(held))].x.start for name in names)
 
 
 def forward(scene: TapedModel) -> Table:
@@ -126,7 +141,7 @@ def _velocity_force(scene: TapedModel) -> Table:
     return scene.recorded.terms.velocity
 
 
-def _damping(scene: TapedModel) -> Table:
+def damping(scene: TapedModel) -> Table:
     """ρᵀB′ρ."""
     stated = [scene.constants.damping(joint) for joint in scene.own.joints for _ in range(joint.kind.nv)]
     rho = scene.recorded.motion.rho
@@ -141,7 +156,7 @@ def _coriolis(scene: TapedModel) -> Table:
     """
     if not scene.own.q.scalar:
         raise UnsupportedMechanismError("C(q, q̇) is recorded where q̇ is the rate of q, not of a whole ball or carriage")
-    return (along(scene, _velocity_force(scene), "v") - _damping(scene)) * rational(0.5)
+    return (along(scene, _velocity_force(scene), "v") - damping(scene)) * rational(0.5)
 
 
 def along(scene: TapedModel, entries: Table, by: str) -> Table:
@@ -172,7 +187,7 @@ def _force_of_coriolis(scene: TapedModel, velocity: Table) -> Table:
     """(C + damping) w: half of what the bias force, 2 C w + damping w, changes along w, and half of damping w."""
     way = {node.index: entry for node, entry in zip(scene.inputs["v"], velocity, strict=True)}
     change = scene.tape.derivative(scene.recorded.terms.bias.tolist(), way, held=False)
-    return (np.array(change, dtype=object) + _damping(scene) @ velocity) * rational(0.5)
+    return (np.array(change, dtype=object) + damping(scene) @ velocity) * rational(0.5)
 
 
 def _lyapunov(scene: TapedModel) -> Table:
@@ -203,6 +218,26 @@ def jacobian_of(scene: TapedModel, pose: Table) -> Table:
     return np.vstack([rates[:, 3], turned[2, 1], turned[0, 2], turned[1, 0]])
 
 
+def _across(scene: TapedModel) -> Table:
+    return scene.inputs["x"][list(scene.across)]
+
+
+def _across_jacobian(scene: TapedModel) -> Table:
+    """∂(displacements)/∂q, a row a joint."""
+    return along(scene, _across(scene), "q")
+
+
+def _across_inverse(scene: TapedModel) -> Table:
+    """The inverse of that.
+
+    Raises:
+        InvalidInputError: There are not as many joints as motions.
+    """
+    if len(scene.across) != scene.model.n:
+        raise InvalidInputError(f"'across_inverse' is of {scene.model.n} joints: name them by across=")
+    return scene.tape.solve(_across_jacobian(scene), np.eye(scene.model.n, dtype=object))
+
+
 def _sigma(scene: TapedModel) -> Table:
     return scene.inputs["x"][list(scene.own.dependent)]
 
@@ -223,6 +258,9 @@ QUANTITIES = {
     "forward_dynamics": Quantity("", ("v", "u"), forward),
     "generalized_force": Quantity("", ("v", "a"), generalized_force),
     "inverse_dynamics": Quantity("", ("v", "a"), inverse),
+    "across": Quantity("", (), _across),
+    "across_jacobian": Quantity("", (), _across_jacobian),
+    "across_inverse": Quantity("", (), _across_inverse),
     "energy": Quantity("J", ("v",), _energy),
     "torque": Quantity("N m or N", ("v",), _torque),
     "lyapunov": Quantity("J", ("v",), _lyapunov),

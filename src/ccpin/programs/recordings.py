@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from ccpin.arrays import Array, choice, instance, whole
+from ccpin.arrays import Array, choice, instance, records, whole
 from ccpin.control.control_law import ControlLaw
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -42,6 +42,7 @@ def record(
     near: State | None = None,
     parameters: Sequence[str] = (),
     moving: bool = False,
+    across: Sequence[str] = (),
 ) -> Program:
     """A straight-line program of quantities of a reduced model.
 
@@ -51,9 +52,10 @@ def record(
             depend), `"sigma"` (the numbers y that depend), `"rho"`, `"v_free"` (q̇′ = ρq̇), `"rho_dot"`, `"bias"`
             (ρ̇q̇), `"x_rate"`, `"mass"` (D), `"mass_inverse"`, `"coriolis"` (C), `"velocity_force"` (Cq̇ + damping q̇),
             `"gravity"` (g), `"forward_dynamics"` (q̈), `"inverse_dynamics"` (u), `"generalized_force"` (τ), `"energy"`,
-            `"torque"` and `"lyapunov"` of the `law`, and the names of `points` (position, with `NAME_rotation` and
-            `NAME_jacobian` beside it). Alone: `"step"`, one of Runge and Kutta's of order 4 over h with u held, closed
-            at its end (q_next, y_next, v_next).
+            `"torque"` and `"lyapunov"` of the `law`, `"across"`, `"across_jacobian"` and `"across_inverse"` (of the
+            joints named so: displacements, their derivative by q, its inverse), and the names of `points` (position,
+            with `NAME_rotation` and `NAME_jacobian` beside it). Alone: `"step"`, one of Runge and Kutta's of order 4
+            over h with u held, closed at its end (q_next, y_next, v_next).
         given: What is known of a configuration. `"closed"`: q and the numbers y that depend on it; `"near"`: q and the
             y of a configuration near by on the same branch, from which σ(q) is found by a fixed number of steps.
         steps: Newton steps of σ; one more with the last matrix follows.
@@ -66,10 +68,13 @@ def record(
         near: The State it is recorded about (pivots are chosen at states around it), default the reference.
         parameters: Constants that become an input p: `"gravity"` (m/s²), `"mass:LINK"` (its inertia goes with it),
             `"length:JOINT"` (from the joint before), `"length:CLOSURE/A"` or `/B` (of its frame on its body),
+            `"origin:JOINT/x"` (y, z; on the parent link), `"origin:CLOSURE/A/x"`, `"distance:CLOSURE"`,
+            `"ratio:COUPLING/JOINT"`,
             `"damping:JOINT"`, `"armature:JOINT"`, `"stiffness:JOINT"`.
         moving: That the law's reference is an input: q_d, v_d and a_d (rates and second rates), in the numbers of q,
             circles counted in q's turn; of PDSimpleGravity also g_d, g at q_d. Laws whose own reference moves have it
             as an input anyhow, and time is none.
+        across: Joints of one freedom each, of `"across"`.
 
     Raises:
         InvalidInputError: No such quantity, or one that lacks what it is of.
@@ -88,23 +93,52 @@ def record(
     if instance(moving, "moving", bool, "True or False") and told is None:
         raise InvalidInputError("moving is about a law's reference: neither its torque nor its lyapunov is recorded")
     moves = moving or not (told is None or told.holds)
-    scene = taped_model(model, own, state.q_free, law, ends, symbols, moves)
+    others = records(across, "across", str)
+    if not others and set(asked) & {"across", "across_jacobian", "across_inverse"}:
+        raise InvalidInputError("'across' is of joints: name them by across=")
+    scene = taped_model(model, own, state.q_free, law, ends, symbols, moves, others)
     if asked == ("step",):
         return _step(scene, state, symbols)
     outputs = _outputs(scene, asked, tuple(derivatives))
+    name, shown = f"{model.mechanism.name}: {', '.join(asked)}", _output_ports(scene, outputs)
+    newton = whole(steps, "steps") if given == "near" else 0
+    return program_of(scene, state, name, outputs, shown, newton, symbols, _notes(scene, asked))
+
+
+def program_of(
+    scene: TapedModel,
+    about: State,
+    name: str,
+    outputs: Mapping[str, Table],
+    shown: tuple[Port, ...],
+    steps: int = 0,
+    symbols: Sequence[Parameter] = (),
+    notes: tuple[str, ...] = (),
+) -> Program:
+    """The program of tables of expressions on a scene's tape.
+
+    Args:
+        scene: The model on its tape.
+        about: The State that it was recorded about.
+        name: What the program is of.
+        outputs: The tables, by the names of `shown`.
+        shown: Their ports.
+        steps: Newton steps of σ; 0 where a configuration is given closed.
+        symbols: Constants that are inputs.
+        notes: What whoever calls it has to know.
+    """
     inner = scene.tape.code([entry for table in outputs.values() for entry in table.ravel()])
     ports = _input_ports(scene, _inputs_read(scene, inner), symbols)
-    samples = _samples(model, own, state, ports, symbols)
+    samples = _samples(scene.model, scene.own, about, ports, symbols)
     source = ProgramSource(
-        scene.tape.code(scene.recorded.closure), inner, own.q.places,
+        scene.tape.code(scene.recorded.closure), inner, scene.own.q.places,
         tuple(len(table) for table in scene.inputs.values()),
-        tuple((port.name, port.size) for port in ports), whole(steps, "steps") if given == "near" else 0,
-        tuple(map(tuple, samples.tolist())),
+        tuple((port.name, port.size) for port in ports), steps, tuple(map(tuple, samples.tolist())),
     )  # fmt: skip
     done = assembled(source)
     return Program(
-        f"{model.mechanism.name}: {', '.join(asked)}", ports, _output_ports(scene, outputs), done.code, done.pivots,
-        done.corrections, CONVERGED if done.corrections else 0.0, *_about(samples), _notes(scene, asked), source,
+        name, ports, shown, done.code, done.pivots, done.corrections, CONVERGED if done.corrections else 0.0,
+        *_about(samples), notes, source,
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.pages.html_page import Section, render
 from ccpin.pages.parts import figure, paragraphs, preformatted, table
+from ccpin.transmission.motor_limits import LimitsCertificate
 from ccpin.transmission.pictures import UNITS, plot_limits
 from ccpin.transmission.posture import Posture
 from ccpin.transmission.surveys import Survey
@@ -55,7 +56,14 @@ _DRAWING = """
 """
 
 
-def transmission_page(found: Survey, words: Sequence[str], *, effort: ArrayLike | None, speed: ArrayLike | None) -> str:
+def transmission_page(
+    found: Survey,
+    words: Sequence[str],
+    *,
+    effort: ArrayLike | None,
+    speed: ArrayLike | None,
+    proved: Sequence[LimitsCertificate] = (),
+) -> str:
     """The page as HTML.
 
     Args:
@@ -63,6 +71,7 @@ def transmission_page(found: Survey, words: Sequence[str], *, effort: ArrayLike 
         words: The table, as a terminal shows it.
         effort: Largest efforts of the motors behind their gears; default the mechanism's.
         speed: Largest speeds of their joints; default the file's.
+        proved: What is proved over a region, of `certify_limits`.
 
     Raises:
         InvalidInputError: Limits that are none.
@@ -76,7 +85,8 @@ def transmission_page(found: Survey, words: Sequence[str], *, effort: ArrayLike 
         Section("rates", "Rates at the reference", table(["∂q_m/∂q_j", *transmission.joints], rates)),
     ]
     try:
-        drawn = figure(plot_limits(transmission, effort=effort, speed=speed), "Efforts and speeds over the range")
+        picture = plot_limits(transmission, effort=effort, speed=speed, proved=proved)
+        drawn = figure(picture, "Efforts and speeds over the range")
         sections.append(Section("limits", "Limits over the range", drawn))
     except (InvalidInputError, UnsupportedMechanismError) as error:
         sections.append(Section("limits", "Limits over the range", paragraphs(f"Not drawn: {error}.")))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Set
 from dataclasses import replace
 
+from ccpin.description.model import Joint, Link, MechanismDescription
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.kinematics.tree import ROOT_JOINT, build_tree
+from ccpin.kinematics.tree import ROOT_JOINT, Tree, build_tree
+from ccpin.mechanism.mechanism import Mechanism
 from ccpin.transmission.sides import Sides
 
 
@@ -20,17 +23,44 @@ def linkage_model(model: ReducedModel, sides: Sides) -> ReducedModel:
         model: In coordinates of the joints.
         sides: Joints and motors.
     """
-    mechanism, joints = model.mechanism, set(sides.joints)
-    tree = mechanism.tree
-    carried: list[set[str]] = [set()]
-    for joint in tree.joints:
-        carried.append(carried[joint.parent] | {joint.name})
-    serial = {link for link, place in tree.attachments.items() if carried[place.joint] <= joints}
-    stated, plain = mechanism.held or mechanism.description, joints - set(sides.motors)
-    links = tuple(replace(link, inertia=None) if link.name in serial else link for link in stated.links)
-    own = tuple(
-        replace(joint, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0) if joint.name in plain else joint
-        for joint in stated.joints
+    serial, plain = serial_links(model.mechanism.tree, sides.joints), set(sides.joints) - set(sides.motors)
+    return stated_otherwise(
+        model,
+        lambda link: replace(link, inertia=None) if link.name in serial else link,
+        lambda joint: massless(joint) if joint.name in plain else joint,
     )
-    left = build_tree(replace(stated, links=links, joints=own), ROOT_JOINT in tree.names)
-    return ReducedModel(replace(mechanism, tree=left), model.gravity_vector)
+
+
+def serial_links(tree: Tree, joints: tuple[str, ...]) -> Set[str]:
+    """The links that these joints alone carry, those at rest among them."""
+    carried = carriers(tree)
+    return {link for link, place in tree.attachments.items() if carried[place.joint] <= set(joints)}
+
+
+def carriers(tree: Tree) -> list[Set[str]]:
+    """The joints that carry each body, by its joint's number, its own among them; none carry number 0."""
+    found: list[Set[str]] = [frozenset()]
+    for joint in tree.joints:
+        found.append(found[joint.parent] | {joint.name})
+    return found
+
+
+def stated_of(mechanism: Mechanism) -> MechanismDescription:
+    """What the mechanism's tree was built of."""
+    return mechanism.held or mechanism.description
+
+
+def massless(joint: Joint) -> Joint:
+    """A joint that takes no effort."""
+    return replace(joint, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0)
+
+
+def stated_otherwise(
+    model: ReducedModel, links: Callable[[Link], Link], joints: Callable[[Joint], Joint]
+) -> ReducedModel:
+    """The model with other masses and other numbers of joints, in the same coordinates: closures stay as they are."""
+    mechanism, stated = model.mechanism, stated_of(model.mechanism)
+    own = replace(stated, links=tuple(map(links, stated.links)), joints=tuple(map(joints, stated.joints)))
+    return ReducedModel(
+        replace(mechanism, tree=build_tree(own, ROOT_JOINT in mechanism.tree.names)), model.gravity_vector
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, Indices, numbers
+from ccpin.arrays import Array, Indices, instance, numbers
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
@@ -34,6 +34,24 @@ def at_speed(
     """The bounds that a torque–speed line leaves at a velocity."""
     ends = np.array(TorqueSpeed(model, motors).bounds(state, v_joint)) * model.mechanism.motors.gears
     return np.maximum(lower, ends.min(axis=0)), np.minimum(upper, ends.max(axis=0))
+
+
+def up_to_speed(model: ReducedModel, motors: MotorModel | None, damping: Array, speed: Array, room: Array) -> Array:
+    """What motors give either way at any speed of their joints up to a largest, damping there taken off.
+
+    Args:
+        model: The reduced model.
+        motors: Their torque–speed line, in units of u; none, or one without, cuts nothing off.
+        damping: Of the motors' joints.
+        speed: The largest, of shape (n,).
+        room: What they give either way at rest.
+    """
+    if motors is not None and instance(motors, "motors", MotorModel).speeds:
+        known = np.array(motors.speeds)
+        passed = np.where(known <= speed[:, None], np.array(motors.efforts), np.inf).min(axis=1)
+        line = np.minimum(passed, np.interp(speed, known, motors.efforts))  # linear in between
+        room = np.minimum(room, line * np.abs(model.mechanism.motors.gears))
+    return room - damping * speed
 
 
 def less_friction(lower: Array, upper: Array, level: Array, moving: Array) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import heading, instance, records
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.plotting.style import COLOURS, Figure, drawing
+from ccpin.transmission.motor_limits import LimitsCertificate
 from ccpin.transmission.polytopes import Polytope
 from ccpin.transmission.shortcuts import Comparison
 from ccpin.transmission.surveys import Survey, survey
@@ -24,6 +25,7 @@ def plot_limits(
     *,
     effort: ArrayLike | None = None,
     speed: ArrayLike | None = None,
+    proved: Sequence[LimitsCertificate] = (),
     title: str | None = None,
 ) -> Figure:
     """What the motors give at the joints over their range: of two joints polygons, of one curves over its angle.
@@ -32,6 +34,7 @@ def plot_limits(
         transmission: Of one joint or two.
         effort: Largest efforts of the motors behind their gears; default the mechanism's.
         speed: Largest speeds of their joints; default the file's.
+        proved: Boxes and ellipsoids that are proved, of `certify_limits`: drawn over them.
         title: The figure's title.
 
     Raises:
@@ -41,6 +44,7 @@ def plot_limits(
     instance(transmission, "transmission", Transmission)
     if transmission.n not in (1, 2):
         raise UnsupportedMechanismError(f"{transmission!r} has {transmission.n} joints; the picture is of one or two")
+    told = [each for each in records(proved, "proved", LimitsCertificate) if each.verdict == "proven"]
     found = survey(transmission, count=41 if transmission.n == 1 else 3)
     name = transmission.joint_model.mechanism.title
     with drawing(heading(title, f"{name}: what the motors give at the joints"), (9.0, 4.4)) as figure:
@@ -48,6 +52,8 @@ def plot_limits(
         draw = _curves if transmission.n == 1 else _polygons
         draw(left, found, [posture.torque_polytope(effort=effort) for posture in found.postures], 0)
         draw(right, found, [posture.speed_polytope(speed=speed) for posture in found.postures], 1)
+        for axes, of in ((left, "effort"), (right, "speed")):
+            _proved(axes, [each for each in told if each.of == of])
     return figure
 
 
@@ -65,6 +71,27 @@ def _polygons(axes: Any, found: Survey, polytopes: Sequence[Polytope], which: in
     )
     labels = [f"{name} [{UNITS[unit][which]}]" for name, unit in zip(joints, units, strict=True)]
     axes.set(xlabel=labels[0], ylabel=labels[1], title=("effort", "speed")[which])
+    _legend(axes)
+
+
+def _proved(axes: Any, certificates: Sequence[LimitsCertificate]) -> None:
+    """What is proved over a region: of two joints edges, of one its bounds over the region."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 129)
+    box = np.array([[1, 1, -1, -1, 1], [1, -1, -1, 1, 1]])
+    edges = {"box": box, "ellipsoid": np.array([np.cos(turn), np.sin(turn)])}
+    for one in certificates:
+        style = {"color": COLOURS[3], "linestyle": "-" if one.form == "box" else ":", "linewidth": 2.0}
+        if one.transmission.n == 2:
+            axes.plot(*(one.size @ edges[one.form]), label=f"{one.form} proved in its region", **style)
+        else:
+            ends, (width,) = np.array([one.lower[0], one.upper[0]]), one.half_widths
+            axes.plot(ends, np.array([width, width]), label=f"{one.form} proved in its region", **style)
+            axes.plot(ends, np.array([-width, -width]), **style)
+    if certificates:
+        _legend(axes)
+
+
+def _legend(axes: Any) -> None:
     axes.legend(loc="upper right", fontsize=8, framealpha=0.85, edgecolor="none")
 
 

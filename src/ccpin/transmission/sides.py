@@ -32,6 +32,7 @@ class Side:
 
     Attributes:
         coordinates: α of these joints.
+        slides: Which of them slide.
         units: rad or m of each.
         rows: Where their velocities stand in q̇′.
     """
@@ -39,7 +40,8 @@ class Side:
     def __init__(self, mechanism: Mechanism, names: tuple[str, ...]) -> None:
         self.names = names
         self.coordinates = IndependentCoordinates(mechanism.tree, names, mechanism.q_reference)
-        self.units = tuple("m" if part.slides[0] else "rad" for part in self.coordinates.parts)
+        self.slides = tuple(part.slides[0] for part in self.coordinates.parts)
+        self.units = tuple("m" if slides else "rad" for slides in self.slides)
         self.rows = np.array([part.v_free.start for part in self.coordinates.parts], dtype=np.intp)
         self._circles = [part for part in self.coordinates.parts if part.whole is not None]
 
@@ -131,6 +133,12 @@ def _check(mechanism: Mechanism, side: str, names: tuple[str, ...]) -> None:
     ]
     known = f"name {n} by {side}=…; candidates: {', '.join(candidates) or 'none'}"
     if len(names) != n:
+        whole = [j for j in tree.joints if j.kind.nv > 1 and j.name in mechanism.independent]
+        if whole:
+            raise IndependentSetError(
+                f"'{whole[0].name}' is a motion of {whole[0].kind.nv} freedoms: a transmission stands on a fixed base, "
+                "its joints have one freedom each: lock it, or load the robot without it"
+            )
         found = ", ".join(names) or "none"
         raise IndependentSetError(f"a transmission of {n} motions has {n} {side}; evident or named: {found}. {known}")
     coordinates = IndependentCoordinates(tree, tuple(names), mechanism.q_reference)

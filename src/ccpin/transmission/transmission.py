@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, vector
+from ccpin.arrays import Array, choice, vector
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.other_coordinates.independent_sets import with_independent
+from ccpin.programs.program import Program
+from ccpin.programs.recordings import record
 from ccpin.transmission.linkage import linkage_model
 from ccpin.transmission.posture import Models, Posture
 from ccpin.transmission.sides import Side, sides_of
+
+Given = Literal["motors", "joints"]
+_MAPS = ("sigma", "across", "across_jacobian", "across_inverse")
 
 
 class Transmission:
@@ -107,6 +113,26 @@ class Transmission:
     def joint_from_motor(self, q_motor: ArrayLike, near: Near | Posture = None) -> Array:
         """q_j(q_m), of shape (n,): `Posture.q_joint` of `at_motor`."""
         return self.at_motor(q_motor, near).q_joint
+
+    def program(self, given: Given, *, steps: int = 2) -> Program:
+        """One side's map to the other as a program: σ from the last y by Newton steps, positions and both matrices.
+
+        Outputs `sigma` (the next call's y), `across` (the other side's displacements), `across_jacobian` (their
+        derivative by q) and `across_inverse`. With J = ∂q_m/∂q_j, `"motors"` has J⁻¹ and J, `"joints"` J and J⁻¹;
+        q̇_m = J q̇_j and τ_j = Jᵀτ_m. Recorded about the reference.
+
+        Args:
+            given: Whose displacements are the program's q: `"motors"` or `"joints"`.
+            steps: Newton steps of σ; one more with the last matrix follows.
+
+        Raises:
+            InvalidInputError: Neither side, or motors that are the joints: nothing is to be found.
+        """
+        by_motors = choice(given, "given", ("motors", "joints")) == "motors"
+        if set(self.motors) == set(self.joints):
+            raise InvalidInputError(f"{self!r}: motors are the joints")
+        model, others = (self.motor_model, self.joints) if by_motors else (self.joint_model, self.motors)
+        return record(model, _MAPS, given="near", steps=steps, across=others)
 
     def _place(self, near: Near | Posture) -> ArrayLike | None:
         """A configuration of this mechanism, whichever coordinates it came with."""

@@ -6,11 +6,19 @@ from tests.mutants.room import Excused, Room
 
 ROOMS = (
     Room(
-        "transmission/effort_box_claim",
-        ("EffortBoxHeld.examined", "EffortBoxHeld._used", "balance"),
-        ("transmission/test_effort_box_claim.py", "transmission/test_effort_box.py"),
+        "transmission/motor_limits_claim",
+        (
+            "MotorLimits.examined",
+            "MotorLimits._used",
+            "EffortsHeld.motor_rows",
+            "SpeedsHeld.matrix",
+            "SpeedsHeld.motor_rows",
+            "balance",
+        ),
+        ("transmission/test_motor_limits_claim.py", "transmission/test_motor_limits.py"),
         (
             ("_LEAST", "without _LEAST", "only what underflows could be below it"),
+            ("_ROUNDED", "without _ROUNDED", "room for rounding of P L, which no test of a double sees"),
             ("bound > 0.0", "0 let in", "what is given is above 0, so that a bound of 0 is not above it"),
         ),
     ),
@@ -18,8 +26,8 @@ ROOMS = (
 
 EXCUSED = (
     Excused(
-        "transmission/effort_box_claim",
-        ("_OUT", "_LEAST", "_above"),
+        "transmission/motor_limits_claim",
+        ("_OUT", "_ROUNDED", "_LEAST", "_above"),
         "room for rounding; and W is proposed, (1) is asked of it",
     ),
 )

@@ -80,6 +80,27 @@ def test_inputs_have_axes_of_their_own():
     assert found["range"] == near(np.array([[-0.75, -0.5 - 4.0], [0.75, 0.5 - 2.0]]), 1e-9)
 
 
+def expanded(tape, q, y, v, w):
+    """(a + 1)(b + 1) − ab − a − b − 1 of q with q, y and v, of v with v and w, and of y with v: all are 0."""
+    pairs = (q, q), (q, y), (q, v), (v, v), (v, w), (y, v)
+    return [(a + 1) * (b + 1) - a * b - a - b - 1 for a, b in pairs]
+
+
+@pytest.mark.parametrize(("axes", "seen"), [(11, 5), (10, 2), (7, 2), (6, 0)])
+def test_products_of_inputs_are_known(axes, seen, monkeypatch):
+    """Of q with all and of what else is read with itself; else |d||d′| counts twice, once for each product.
+
+    Of 1 + 1 + 2 inputs there are 7 products, 3 without q.
+    """
+    monkeypatch.setattr(rounding_claim, "_AXES", axes)
+    found = computed(halves(0, inner=expanded, others=2), [1e-3], [0.5, 0.25])["range"][1]
+    h, b, c, r = 0.125, 0.5, 0.25, 1e-3 + 1e-6  # y moves with q by h/2, and by r alone
+    y = h / 2 + r
+    apart = 2 * np.array([h * h, h * y, h * b, b * b, b * c, (r if seen == 5 else y) * b])
+    known = {5: [1, 1, 1, 1, 1, 0], 2: [0, 0, 0, 1, 1, 0], 0: [0] * 6}[seen]
+    assert found == pytest.approx(np.where(known, 0.0, apart), rel=1e-4, abs=1e-13)
+
+
 def lost(weight, top):
     """In float: ρ₁ and ρ₂ of the two steps y − (2y − q)/2, of what their subtractions lose in a cell with σ ≤ top.
 

@@ -2,8 +2,11 @@
 
 A parameter is `"gravity"` (m/s², along its direction), `"mass:LINK"` (kg; the link's rotational inertia goes with it,
 its centre of mass stays), `"length:JOINT"` (m, from the frame of the joint before along the joint's placement; what is
-mounted farther out moves along), `"length:CLOSURE/A"` or `/B` (the same of a closure's frame on its body), and
-`"damping:JOINT"`, `"armature:JOINT"`, `"stiffness:JOINT"`.
+mounted farther out moves along), `"length:CLOSURE/A"` or `/B` (the same of a closure's frame on its body),
+`"origin:JOINT/x"` (`/y`, `/z`; m, a coordinate of its frame's origin on the parent link), `"origin:CLOSURE/A/x"` and
+`/B/x` (of a closure's frame on its link), `"distance:CLOSURE"` (m, of a closure of that kind),
+`"ratio:COUPLING/JOINT"` (the coefficient of the joint's displacement), and `"damping:JOINT"`, `"armature:JOINT"`,
+`"stiffness:JOINT"`.
 """
 
 from __future__ import annotations
@@ -22,9 +25,10 @@ from ccpin.programs.recording.recorded_tree import ExactJoint, Table, exact, exa
 from ccpin.programs.tape import Expression, Tape
 
 _UNITS = {
-    "gravity": "m/s²", "mass": "kg", "length": "m", "damping": "N m s/rad or N s/m", "armature": "kg m² or kg",
-    "stiffness": "N m/rad or N/m",
+    "gravity": "m/s²", "mass": "kg", "length": "m", "origin": "m", "distance": "m", "ratio": "1",
+    "damping": "N m s/rad or N s/m", "armature": "kg m² or kg", "stiffness": "N m/rad or N/m",
 }  # fmt: skip
+GEOMETRY = ("origin", "distance", "ratio")  # what closures are made of, each number by itself
 
 
 class Parameter(NamedTuple):
@@ -63,6 +67,12 @@ def parameters_of(model: ReducedModel, names: Sequence[str]) -> tuple[Parameter,
     return found
 
 
+def geometry_of(model: ReducedModel) -> tuple[Parameter, ...]:
+    """All numbers that closures are made of, joints' origins first."""
+    found = ((kind, of, value) for kind in GEOMETRY for of, value in _values(model, kind).items())
+    return tuple(Parameter(f"{kind}:{of}", kind, of, value, _UNITS[kind]) for kind, of, value in found)
+
+
 def _parameter(model: ReducedModel, name: str) -> Parameter:
     kind, _, of = name.partition(":")
     if kind not in _UNITS or (kind == "gravity") != (not of):
@@ -87,6 +97,17 @@ def _values(model: ReducedModel, kind: str) -> dict[str, float]:
         for loop in model.parametrization.constraints.loops:
             ends |= {f"{loop.closure.name}/A": loop.frame_a, f"{loop.closure.name}/B": loop.frame_b}
         return {name: float(np.linalg.norm(frame[:3, 3])) for name, frame in ends.items()}
+    loops, couplings = model.parametrization.constraints.loops, model.parametrization.constraints.couplings
+    if kind == "origin":
+        frames = {joint.name: joint.stated.placement for joint in tree.joints if joint.stated.parent}
+        for loop in loops:
+            frames |= {f"{loop.closure.name}/{end}": at for end, (_, at) in zip("AB", loop.closure.ends, strict=True)}
+        return {f"{name}/{axis}": float(at[k, 3]) for name, at in frames.items() for k, axis in enumerate("xyz")}
+    if kind == "distance":
+        return {loop.closure.name: loop.closure.length for loop in loops if loop.closure.length is not None}
+    if kind == "ratio":
+        terms = ((each.coupling.name, term) for each in couplings if not each.modulus for term in each.coupling.terms)
+        return {f"{name}/{term.joint}": term.coefficients[1] for name, term in terms if len(term.coefficients) > 1}
     if kind == "armature":
         return {joint.name: float(tree.model.armature[joint.v.start]) for joint in tree.joints}
     return {joint.name: float(getattr(joint.stated, kind)) for joint in tree.joints}
@@ -108,15 +129,33 @@ class Constants:
         """The joints with their placements."""
         named = zip(joints, self._tree.joints, strict=True)
         return tuple(
-            joint._replace(placement=self._scaled(joint.placement, "length", stated.name)) for joint, stated in named
+            joint._replace(placement=self._placed(joint.placement, known.name, known.stated.parent))
+            for joint, known in named
         )
 
     def ends(self, loop: ResolvedClosure) -> tuple[Table, Table]:
         """The frames of a closure on its two bodies."""
-        name = loop.closure.name
-        frames = ("A", loop.frame_a), ("B", loop.frame_b)
-        first, second = (self._scaled(exact_placement(frame), "length", f"{name}/{end}") for end, frame in frames)
+        closure = loop.closure
+        ends = zip("AB", (loop.frame_a, loop.frame_b), (closure.link_a, closure.link_b), strict=True)
+        first, second = (
+            self._placed(exact_placement(frame), f"{closure.name}/{end}", link) for end, frame, link in ends
+        )
         return first, second
+
+    def changed(self, rows: list[Expression], joints: Sequence[ExactJoint], x: Table) -> list[Expression]:
+        """The rows of φ with other distances, (|gap|² − L²)/2L₀, and other ratios, c (θ − θ_ref)."""
+        constraints, found = self._model.parametrization.constraints, list(rows)
+        first = constraints.row_slices()
+        for (kind, of), (known, value) in self._given.items():
+            stated, (name, _, joint) = rational(known.value), of.partition("/")
+            if kind == "distance":
+                found[first[name].start] += (value * value - stated * stated) * (-1 / (2 * stated))
+            elif kind == "ratio":
+                coupling = next(each.coupling for each in constraints.couplings if each.coupling.name == name)
+                reference = next(term.reference for term in coupling.terms if term.joint == joint)
+                place = joints[self._tree.joint(joint).number - 1].x.start
+                found[first[name].start] += (value - stated) * (x[place] - rational(reference))
+        return found
 
     def gravity(self) -> Table:
         """Gravity in the world's axes."""
@@ -184,13 +223,17 @@ class Constants:
         known = self._given.get((kind, of))
         return None if known is None else known[1] * (1 / rational(known[0].value))
 
-    def _scaled(self, placement: Table, kind: str, of: str) -> Table:
-        factor = self._factor(kind, of)
-        if factor is None:
-            return placement
-        placement = placement.copy()
-        placement[:3, 3] = placement[:3, 3] * factor
-        return placement
+    def _placed(self, placement: Table, of: str, link: str) -> Table:
+        """A frame of a body with another length or origin, whose coordinates are along a link's axes."""
+        factor, found = self._factor("length", of), placement.copy()
+        if factor is not None:
+            found[:3, 3] = found[:3, 3] * factor
+        for k, axis in enumerate("xyz"):
+            if ("origin", f"{of}/{axis}") in self._given:
+                known, value = self._given["origin", f"{of}/{axis}"]
+                turn = exact_placement(self._tree.attachments[link].placement)
+                found[:3, 3] = found[:3, 3] + turn[:3, k] * (value - rational(known.value))
+        return found
 
 
 def _steiner(mass: Expression, lever: Table) -> Table:

@@ -10,6 +10,7 @@ configuration that it is recorded about.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -109,8 +110,8 @@ def recorded_model(
     mechanism, constraints = model.mechanism, model.parametrization.constraints
     constants = Constants(model) if constants is None else constants
     joints, turns, (x, _) = constants.joints(held.joints), held.turns, state
-    rows = closure_rows(tape, constraints, joints, x, held.near, constants.ends)
-    kept, others = _independent_rows(model, near)
+    rows = all_rows(tape, model, held, x, constants)
+    kept, others = independent_rows(model, near)
     phi = [rows[k] for k in kept]
     table = np.vstack([rates(tape, joints, x), turn_rates(tape, turns, x, mechanism.n_free)])
     moving = ClosureRows(tape, constraints, constants, joints, x, rows, kept, table)
@@ -123,12 +124,24 @@ def recorded_model(
         ball_at(joint, np.array([0.0, 0.0, 0.0, 1.0]), held.near) if joint.kind.unit else joint for joint in stiff
     ]
     terms = with_springs(tape, terms, constants, list(zip(sprung, references, strict=True)), x, motion.rho)
-    closure = [*phi, *_unit_lengths(joints, x, held.dependent), *turn_rows(tape, turns, x)]
+    closure = closure_equations(tape, held, x, phi)
     balls = (*(turn.ball for turn in turns), *(each for each in sprung if isinstance(each, BallTurn)))
     return RecordedModel(rows, kept, others, closure, table, motion, frames, terms, balls)
 
 
-def _independent_rows(model: ReducedModel, near: Array) -> tuple[list[int], list[int]]:
+def all_rows(tape: Tape, model: ReducedModel, held: Numbering, x: Table, constants: Constants) -> list[Expression]:
+    """φ of numbers x, all rows."""
+    joints = constants.joints(held.joints)
+    rows = closure_rows(tape, model.parametrization.constraints, joints, x, held.near, constants.ends)
+    return constants.changed(rows, joints, x)
+
+
+def closure_equations(tape: Tape, held: Numbering, x: Table, phi: Sequence[Expression]) -> list[Expression]:
+    """As many equations as numbers depend: the rows of φ that are kept, unit lengths, single turns of balls."""
+    return [*phi, *_unit_lengths(held.joints, x, held.dependent), *turn_rows(tape, held.turns, x)]
+
+
+def independent_rows(model: ReducedModel, near: Array) -> tuple[list[int], list[int]]:
     """Rows of φ that are independent at a configuration, as many as its rank, and the others; all where none is."""
     constraints, rank = model.parametrization.constraints, model.mechanism.n_free - model.n
     if constraints.size == rank:

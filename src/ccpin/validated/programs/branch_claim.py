@@ -62,7 +62,11 @@ def placed(equations: ProgramEquations, q: Sequence[FirstOrder], y: Sequence[Fir
 def tabled(program: Runnable, inputs: Sequence[FirstOrder], rows: int) -> list[list[FirstOrder]]:
     """The outputs of a program, row by row."""
     entries = evaluated(program, inputs)
-    whole = [FirstOrder(*(np.broadcast_to(part, (len(inputs[0].mid), *part.shape[1:])) for part in e)) for e in entries]
+
+    def wide(part: Array) -> Array:
+        return np.broadcast_to(part, (len(inputs[0].mid), *part.shape[1:]))
+
+    whole = [FirstOrder(wide(e.mid), wide(e.slopes), wide(e.rad)) for e in entries]
     columns = len(whole) // rows
     return [whole[k * columns : (k + 1) * columns] for k in range(rows)]
 

@@ -90,7 +90,7 @@ class ErrorSweep:
 
     def __init__(self, program: Runnable, inputs: Sequence[FirstOrder], numbers: Numbers | None = None) -> None:
         self._program, self._numbers, self._done = program, numbers, 0
-        self._axes = inputs[0].slopes.shape[-1]
+        self._axes, self._products = inputs[0].slopes.shape[-1], inputs[0].products
         self._waves = dict[int, tuple[FirstOrder, FirstOrder]]()
         self.values: dict[int, FirstOrder] = dict(enumerate(inputs))
         self.lost = dict[int, Array]()
@@ -114,7 +114,7 @@ class ErrorSweep:
         for place, number in enumerate(wanted):
             one = np.zeros((count, rows))
             one[place] = 1.0
-            _add(shares, number, linear(one, np.zeros((count, rows, self._axes))))
+            _add(shares, number, linear(one, np.zeros((count, rows, self._axes)), self._products))
         total = np.zeros((count, rows))
         with np.errstate(all="ignore"):
             for item in reversed(self._program.code.instructions[: self._done]):
@@ -149,7 +149,7 @@ class ErrorSweep:
         if kind in (SCALE, CONSTANT):
             factor = self._program.factors[item.target]
             if kind == CONSTANT:
-                return constant(factor.value, factor.off, self._axes)
+                return constant(factor.value, factor.off, self._axes, self._products)
             return values[a].scaled(factor.value, factor.off)
         if kind in (SINE, COSINE):
             return self._wave(a)[kind == COSINE]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -10,13 +10,14 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, is_fact, provable, require
-from ccpin.validated.arithmetic.first_order import FirstOrder, linear
+from ccpin.validated.arithmetic.first_order import FirstOrder, Products, linear, products_of
 from ccpin.validated.programs.branch_claim import BranchOverCells, GridCells, cells_of, tubes
 from ccpin.validated.programs.error_sweeps import FORMATS, ErrorSweep
 from ccpin.validated.programs.program_equations import ProgramEquations
 from ccpin.validated.programs.steps_claim import StepsFindSigma
 
 _OUT = 1.0 + 2.0**-40  # on bounds made of some sums and products of doubles
+_AXES = 480  # fewer than bounds of rounding are made for
 _MEMORY = 3e7  # numbers that are kept at a time
 
 
@@ -55,7 +56,7 @@ class ProgramComputed(ProvableClaim):
             require(is_fact(steps, StepsFindSigma) and steps.premises[0] is branch, "steps of another branch")
             require(self.start <= steps.claim.start, "y from farther than the steps start")
         cells = cells_of(branch.claim.lower, branch.claim.upper, branch.claim.counts)
-        axes = sum(self.equations.sizes[key] for key in "QYW")
+        axes = len(self._products.groups)
         count = max(1, int(_MEMORY / ((axes + 2) * self.equations.program.code.size)))
         parts = [slice(k, k + count) for k in range(0, len(cells.centre), count)]
         found = [self._over(premises, cells, part) for part in parts]
@@ -120,7 +121,7 @@ class ProgramComputed(ProvableClaim):
             require(far[-1] <= 1.0, "computed steps that are not proved to stay near")
             around = tubes(branch.claim, cells, part, (branch.found["image"][part] + radius) * _OUT, len(self.bounds))
             off |= dict(zip(numbers, radius.T, strict=True))
-            sweep.values.update(zip(numbers, around[1], strict=True))
+            sweep.values.update(zip(numbers, self._with_products(around[1]), strict=True))
         ends = np.stack([sweep.lost[number] for number in made.iterates[-1]], axis=1)
         return off, _length((before + radius + ends).max(axis=0))
 
@@ -131,7 +132,18 @@ class ProgramComputed(ProvableClaim):
         q, y = tubes(branch.claim, cells, part, radius, count)
         slopes = np.zeros((count, *q[0].slopes.shape))
         slopes[np.arange(count), :, slopes.shape[2] - count + np.arange(count)] = self.bounds[:, None]
-        return self.equations.arranged(q, y, [linear(np.zeros_like(q[0].mid), each) for each in slopes])
+        rest = [linear(np.zeros_like(q[0].mid), each) for each in slopes]
+        return self._with_products(self.equations.arranged(q, y, rest))
+
+    @property
+    def _products(self) -> Products:
+        """Products of ξ that are axes: of q's with all, and of what else is read with itself; not if too many."""
+        sizes = [self.equations.sizes[key] for key in "QYW"]
+        some = (products_of(sizes, joined) for joined in (((0, 0), (0, 1), (0, 2), (2, 2)), ((2, 2),)))
+        return next((each for each in some if len(each.groups) <= _AXES), products_of(sizes, ()))
+
+    def _with_products(self, forms: Sequence[FirstOrder]) -> list[FirstOrder]:
+        return [each.beside(self._products) for each in forms]
 
 
 def _length(moved: Array) -> Array:

@@ -1,0 +1,105 @@
+"""`ccpin identify`: the constants of a mechanism from its logs, as a table, a description and a page."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import shtab
+
+from ccpin.cli.command import add_command, complete, positive
+from ccpin.cli.options import add_mechanism, load
+from ccpin.cli.progress import busy
+from ccpin.description.formats import write_description
+from ccpin.dynamics.changed_constants import with_constants
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.errors import InvalidInputError
+from ccpin.files import writable_target, write_atomically
+from ccpin.identification.consistency import consistent
+from ccpin.identification.estimation import identify
+from ccpin.identification.explained_efforts import told_of_motion
+from ccpin.identification.log import Log
+from ccpin.identification.smoothing import smoothed
+
+_EXAMPLES = """\
+example: ccpin identify rpdr --logs run1.csv run2.csv --out learnt.urdf --report learnt.html
+         ccpin identify rpdr --logs run.mcap --kinds inertia friction
+         ccpin identify rpdr --logs run.csv --columns q_joint1=left u_joint1=amps --units q=deg u=0.35"""
+
+
+def add_identify(commands: Any) -> None:
+    """The command and its options."""
+    parser = add_command(commands, "identify", _EXAMPLES, _identify)
+    add_mechanism(parser)
+    files = ".csv, .parquet, .npz, .mat, .mcap, .db3, .bag or rosbag2 folders"
+    complete(parser.add_argument("--logs", nargs="+", type=Path, required=True, metavar="LOG", help=files), shtab.FILE)
+    ours = "which of a file's columns q_JOINT, v_JOINT, u_JOINT are"
+    parser.add_argument("--columns", nargs="+", metavar="OURS=THEIRS", help=ours)
+    units = "in which unit columns, or all of q, v, u, are: deg, rev, mm, rpm, deg/s, N mm …, or a factor"
+    parser.add_argument("--units", nargs="+", metavar="NAME=UNIT", default=(), help=units)
+    parser.add_argument("--time", metavar="NAME", help="the column of times (default t, time or tout)")
+    known = "standard deviations of columns where they are known, SI units"
+    parser.add_argument("--noise", nargs="+", metavar="NAME=NUMBER", default=(), help=known)
+    kinds = "parameters to find (default: inertia armature damping friction, and springs where there are any)"
+    parser.add_argument("--kinds", nargs="+", metavar="KIND", help=kinds)
+    parser.add_argument("--spacing", type=positive, metavar="S", help="between knots of the motions' splines")
+    written = "write the mechanism with consistent constants there"
+    complete(parser.add_argument("--out", type=Path, metavar="FILE", help=written), shtab.FILE)
+    page = "write a page with values, deviations and what is left there"
+    complete(parser.add_argument("--report", type=Path, metavar="FILE", help=page), shtab.FILE)
+
+
+def _identify(options: argparse.Namespace) -> int:
+    model = ReducedModel(load(options))
+    columns = dict(_pairs(options.columns, "--columns")) if options.columns else None
+    units = {name: _number(unit) for name, unit in _pairs(options.units, "--units")}
+    noise = {name: float(level) for name, level in _pairs(options.noise, "--noise")}
+    smoothing: dict[str, Any] = {"spacing": options.spacing, "noise": noise}
+    logs = [Log.read(path, columns=columns, units=units, time=options.time) for path in options.logs]
+    with busy(options.json, "motions behind the logs, and constants"):
+        estimate = identify(model, logs, kinds=options.kinds, **smoothing)
+        chosen = consistent(model, estimate) if options.out or options.report else estimate.parameters
+    written = []
+    if options.out:
+        notes = write_description(with_constants(model, chosen), options.out)
+        written.append(str(options.out))
+    if options.report:
+        from ccpin.identification.constants_page import estimate_page
+
+        sets = (model.parameters, chosen)
+        told = []
+        for log in logs:
+            before, after = told_of_motion(model, sets, smoothed(log, model, **smoothing))
+            told.append((log.source, before, after))
+        page = estimate_page(model, estimate, chosen, told)
+        write_atomically(writable_target(options.report), "w", lambda file: file.write(page))
+        written.append(str(options.report))
+    if options.json:
+        rows = zip(estimate.combinations, estimate.values, estimate.deviations, estimate.stated, strict=True)
+        fields = ("combination", "value", "deviation", "stated")
+        found = [dict(zip(fields, (name, *map(float, rest)), strict=True)) for name, *rest in rows]
+        samples = dict(zip(("counted", "left_out"), estimate.samples, strict=True))
+        print(json.dumps({"found": found, "samples": samples, "written": written}, indent=2))
+        return 0
+    print(f"{estimate!r}\n{estimate.table()}")
+    print("".join(f"wrote {path}\n" for path in written), end="")
+    if options.out:
+        print("".join(f"not in the file: {note}\n" for note in notes), end="")
+    return 0
+
+
+def _pairs(given: Sequence[str], option: str) -> list[tuple[str, str]]:
+    pairs = [tuple(each.split("=", 1)) for each in given]
+    if wrong := [each for each, pair in zip(given, pairs, strict=True) if len(pair) != 2 or not all(pair)]:
+        raise InvalidInputError(f"{option}: '{wrong[0]}' must be NAME=VALUE")
+    return [(pair[0], pair[1]) for pair in pairs]
+
+
+def _number(unit: str) -> str | float:
+    try:
+        return float(unit)
+    except ValueError:
+        return unit

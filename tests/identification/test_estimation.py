@@ -1,0 +1,122 @@
+"""Constants from logs: exact without noise, as sure as they say with it, and such as bodies have."""
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin.description.formats import write_description
+from ccpin.errors import InvalidInputError
+from ccpin.identification import Log, consistent, identify, with_constants
+
+
+def test_without_noise_the_constants_are_found(bench):
+    found = identify(bench.model, bench.log(0, effort=0.0, encoder=0.0))
+    off = np.abs(found.values - found.stated) / np.maximum(np.abs(found.stated), 1e-3)
+    assert off.max() < 1e-3
+    assert found.samples[0] > 900
+
+
+def test_a_robot_told_wrong_is_told_right_by_its_log(bench):
+    wrong = ccpin.ReducedModel(ccpin.load("rpdr"))  # knows of no friction
+    found = identify(wrong, bench.log(1))
+    truth = found.multiples @ bench.model.parameters.values
+    off = (found.values - truth) / found.deviations
+    assert (np.abs(found.stated - truth) / found.deviations).max() > 20.0
+    assert np.abs(off).max() < 4.5
+    assert 0.5 < np.sqrt(np.mean(off**2)) < 1.6
+
+
+@pytest.mark.slow
+def test_intervals_hold_what_they_say(bench):
+    off = []
+    for seed in range(200):
+        found = identify(bench.model, bench.log(seed))
+        off.append((found.values - found.stated) / found.deviations)
+    assert 0.93 < np.mean(np.abs(off) < 1.96) < 0.97
+
+
+def test_values_are_the_multiples_of_the_constants_they_come_with(bench):
+    found = identify(bench.model, bench.log(2))
+    assert np.allclose(found.multiples @ found.parameters.values, found.values, rtol=1e-9, atol=1e-12)
+    assert len(found.combinations) == len(found.values) == np.linalg.matrix_rank(found.multiples)
+    assert len(found.table().splitlines()) == len(found.values)
+
+
+def test_a_combination_says_what_it_cannot_be_told_from(bench):
+    """Moving mass from one member of a combination to the others changes no force."""
+    found = identify(bench.model, bench.log(3), kinds=("inertia",))
+    values = bench.model.parameters.values
+    still = np.linalg.svd(found.multiples[:, found.effects.columns])[2][len(found.values) :]
+    moved = np.zeros(len(values))
+    moved[found.effects.columns] = np.random.default_rng(0).normal(size=len(still)) @ still
+    Y = bench.model.regressor_many(bench.q[::50], bench.v[::50], bench.a[::50])
+    assert np.abs(Y @ moved).max() < 1e-12 * np.abs(Y).max() * np.abs(moved).sum()
+
+
+def test_only_the_kinds_asked_for_are_looked_for(bench):
+    found = identify(bench.model, bench.log(4), kinds=("friction",))
+    assert all(name.startswith("friction:") for name in found.combinations)
+    assert np.allclose(found.values, 0.02, rtol=0.0, atol=4.0 * found.deviations.max())
+
+
+def test_consistent_constants_are_bodies_and_near(bench):
+    pytest.importorskip("cvxpy")
+    pytest.importorskip("clarabel")
+    noisy = bench.log(5, effort=2.0)  # so noisy that bodies of negative moment come out
+    found = identify(bench.model, noisy)
+    kept = consistent(bench.model, found)
+    for first in np.flatnonzero([kind == "mass" for kind in kept.kinds]):
+        m, hx, hy, hz, xx, xy, yy, xz, yz, zz = kept.values[first : first + 10]
+        inertia, h = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), np.array([hx, hy, hz])
+        about = inertia - (h @ h * np.eye(3) - np.outer(h, h)) / m
+        x, y, z = np.linalg.eigvalsh(about)
+        assert m > 0.0
+        assert x > -1e-9 * z
+        assert x + y > z * (1.0 - 1e-6)
+    positive = kept.of("armature", "damping", "friction")
+    assert kept.values[positive].min() > -1e-9
+    near, root = np.linalg.inv(found.covariance), found.multiples
+    misfit = root @ kept.values - found.values
+    stated = root @ bench.model.parameters.values - found.values
+    assert misfit @ near @ misfit <= stated @ near @ stated + 1.0  # what is stated is consistent, too
+
+
+def test_consistent_constants_of_a_clean_log_are_the_values(bench):
+    pytest.importorskip("cvxpy")
+    found = identify(bench.model, bench.log(6))
+    kept = consistent(bench.model, found)
+    off = (found.multiples @ kept.values - found.values) / found.deviations
+    assert np.abs(off).max() < 1.0
+
+
+def test_constants_are_written_into_a_description_and_read_again(bench, tmp_path):
+    parameters = bench.model.parameters
+    values = np.array(parameters.values)
+    values[parameters.of("inertia")] *= 1.2
+    values[parameters.of("damping")] = 0.03
+    changed = type(parameters)(parameters.names, parameters.kinds, parameters.units, values)
+    again = ccpin.ReducedModel(ccpin.load(with_constants(bench.model, changed)))
+    assert np.allclose(again.parameters.values, values, rtol=1e-12, atol=1e-15)
+    path = tmp_path / "learnt.urdf"
+    write_description(with_constants(bench.model, changed), path)
+    assert np.allclose(ccpin.ReducedModel(ccpin.load(path)).parameters.values, values, rtol=1e-9, atol=1e-12)
+    impossible = np.array(values)
+    impossible[0] = -1.0
+    with pytest.raises(InvalidInputError, match="mass"):
+        with_constants(bench.model, type(parameters)(parameters.names, parameters.kinds, parameters.units, impossible))
+
+
+def test_what_nothing_can_be_learnt_from_is_told(bench):
+    log = bench.log(0)
+    for wrong, told in (
+        ([], "no log"),
+        (Log(log.t, {name: column for name, column in log.columns.items() if name != "u_joint2"}), "u_joint2"),
+        (log.between(0.0, 0.08), "too few"),
+    ):
+        with pytest.raises(InvalidInputError, match=told):
+            identify(bench.model, wrong)
+    with pytest.raises(InvalidInputError, match="kind"):
+        identify(bench.model, log, kinds=("colour",))
+    other = ccpin.ReducedModel(ccpin.load("four_bar"))
+    with pytest.raises(InvalidInputError):
+        consistent(other, identify(bench.model, log))
