@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -14,7 +15,7 @@ from ccpin.identification.identification_equations import IdentificationEquation
 from ccpin.identification.vanishing import MOVES, ClosedEnds, JoinedBody, Numbers
 from ccpin.programs.recording.ball_joints import ball_at
 from ccpin.programs.recording.constants import Constants
-from ccpin.programs.recording.recorded_mechanism import Numbering, recorded_model
+from ccpin.programs.recording.recorded_mechanism import Numbering, RecordedModel, recorded_model
 from ccpin.programs.recording.recorded_tree import (
     ExactJoint,
     Table,
@@ -28,14 +29,25 @@ from ccpin.validated.arithmetic.programs import in_balls
 from ccpin.validated.model.closed_loop import recorded_loop
 
 
-def recorded_motions(model: ReducedModel) -> tuple[IdentificationEquations, Numbering]:
-    """What claims about a model are about, at the current precision, and its numbers x."""
+def recorded_motions(
+    model: ReducedModel, forces: Sequence[str] = (), base: bool = False
+) -> tuple[IdentificationEquations, Numbering]:
+    """What claims about a model are about, at the current precision, and its numbers x.
+
+    Args:
+        model: The model.
+        forces: Closures and couplings whose forces λ are measured.
+        base: Whether the wrench that holds the world is measured.
+    """
     tree, near = model.mechanism.tree, model.mechanism.q_reference
     loop, own = recorded_loop(model, None, near)
     tape = Tape(loop.n_x + loop.n)
     x, v = np.split(np.array(tape.inputs, dtype=object), [loop.n_x])
     recorded = recorded_model(tape, model, own, (x, v), near)
-    twists, gravity = _twists(tape, model, own.joints, x, recorded.motion.rho)
+    rho, freed = recorded.motion.rho, _opened(tape, model, recorded, own, forces)
+    still = np.zeros((len(rho), 6 * base), dtype=object)
+    rates = np.hstack([rho, freed, still])
+    twists, gravity = _twists(tape, model, own.joints, x, rates, 6 * base)
     stretches: list[Any] = []
     for joint in own.joints:
         if joint.kind.nq == 1:
@@ -43,7 +55,7 @@ def recorded_motions(model: ReducedModel) -> tuple[IdentificationEquations, Numb
         elif joint.kind.springs:
             vector, cosine = ball_at(joint, np.array([0.0, 0.0, 0.0, 1.0]), own.near).relative(tape, x)
             stretches += list(vector * tape.gain(tape.node(cosine)))
-    outputs = [*twists, *gravity, *recorded.motion.rho.ravel(), *stretches]
+    outputs = [*twists, *gravity, *rates.ravel(), *stretches]
     bodies = tuple(
         JoinedBody(held.parent, _numbers(held.axes), joint.kind.slides, _numbers(held.placement), joint_kinds(joint))
         for held, joint in zip(own.joints, tree.joints, strict=True)
@@ -51,18 +63,41 @@ def recorded_motions(model: ReducedModel) -> tuple[IdentificationEquations, Numb
     ends = tuple(
         ClosedEnds(each.joint_a, each.joint_b, _frame(each.frame_a), _frame(each.frame_b), moves)
         for each in model.parametrization.constraints.loops
-        if (moves := MOVES.get(each.closure.kind)) is not None
+        if each.closure.name not in forces and (moves := MOVES.get(each.closure.kind)) is not None
     )
     pull: tuple[Fraction, ...] = tuple(exact(model.gravity_vector).tolist())
-    return IdentificationEquations(loop, in_balls(tape, outputs), bodies, ends, pull), own
+    virtual = rates.shape[1] - model.n
+    return IdentificationEquations(loop, in_balls(tape, outputs), bodies, ends, pull, virtual, base), own
+
+
+def _opened(
+    tape: Tape, model: ReducedModel, recorded: RecordedModel, own: Numbering, forces: Sequence[str]
+) -> Table:
+    """Virtual rates R of all joints, of shape (n′, ·), one for each row of closures: φ_q′ R is 1 in it alone, α_q′ R = 0.
+
+    Along them these closures open, all others stay, and q does not move: Rᵀφ_q′ᵀλ are their λ.
+    """
+    slices, jacobian = model.parametrization.constraints.row_slices(), recorded.motion.jacobian
+    rows = [recorded.kept.index(k) for name in forces for k in range(slices[name].start, slices[name].stop)]
+    known = [k for k in own.q.velocities if k >= 0]
+    rest = [k for k in range(len(recorded.motion.rho)) if k not in known]
+    right = np.zeros((len(jacobian), len(rows)), dtype=object)
+    right[rows, range(len(rows))] = 1
+    freed = np.zeros((len(recorded.motion.rho), len(rows)), dtype=object)
+    freed[rest] = tape.solve(jacobian, right) if rows else right[: len(rest)]
+    return freed
 
 
 def _twists(
-    tape: Tape, model: ReducedModel, joints: tuple[ExactJoint, ...], x: Table, rho: Table
+    tape: Tape, model: ReducedModel, joints: tuple[ExactJoint, ...], x: Table, rates: Table, carried: int
 ) -> tuple[list[Any], list[Any]]:
-    """Twists of all bodies for each unit q̇, about their origins in their axes, and gravity in these."""
-    n, nothing = rho.shape[1], np.zeros(3, dtype=object)
-    moving = {0: [(nothing, nothing)] * n}
+    """Twists of all bodies for each column of joints' rates, about their origins in their axes, and gravity in these.
+
+    Along the last columns, as many as are carried, the world moves by a unit twist.
+    """
+    n = rates.shape[1] - carried
+    own = np.vstack([np.zeros((n, 6), dtype=object), np.eye(carried, 6, dtype=int).astype(object)])
+    moving = {0: [(each[:3], each[3:]) for each in own]}
     pull = {0: Constants(model).gravity()}
     for joint in joints:
         placed, moved, axes = joint.placement, relative_motion(tape, joint, x[joint.x]), unit_axes(tape, joint)
@@ -71,9 +106,9 @@ def _twists(
         pull[joint.number] = pull[joint.parent] @ turn
         moving[joint.number] = []
         for i, (speed, omega) in enumerate(moving[joint.parent]):
-            rates = rho[joint.v, i]
-            drawn = (speed + cross(omega, arm)) @ turn + rates[slides] @ axes[slides]
-            moving[joint.number].append((drawn, omega @ turn + rates[~slides] @ axes[~slides]))
+            steps = rates[joint.v, i]
+            drawn = (speed + cross(omega, arm)) @ turn + steps[slides] @ axes[slides]
+            moving[joint.number].append((drawn, omega @ turn + steps[~slides] @ axes[~slides]))
     order = [joint.number for joint in joints]
     twists = [entry for k in order for pair in moving[k] for part in pair for entry in part]
     return twists, [entry for k in order for entry in pull[k]]
