@@ -49,7 +49,10 @@ def told(name: str, count: int, starts: int, iterations: int) -> None:
     spent = time.perf_counter() - begin
     print(f"{Path(name).stem}: {found.told}; trace {found.trace:.3g}, share of limits {found.share:.3f}; {spent:.0f} s")
     condition, trace, left = least_of_random(model, middle, half, speed, count)
-    print(f"  of {count} random motions, {left} of which leave Ω: condition {condition:.3g}, trace {trace:.3g}", flush=True)
+    print(
+        f"  of {count} random motions, {left} leave Ω: condition {condition:.3g}, trace {trace:.3g}",
+        flush=True,
+    )
 
 
 def least_of_random(

@@ -143,9 +143,7 @@ def _sensors(model: ReducedModel, forces: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _bounds(
-    model: ReducedModel, forces: tuple[str, ...], base: bool, states: int | None, bits: int
-) -> BaseParameters:
+def _bounds(model: ReducedModel, forces: tuple[str, ...], base: bool, states: int | None, bits: int) -> BaseParameters:
     """What is proved with some sensors."""
     with flint().ctx.workprec(bits):
         equations, own = recorded_motions(model, forces, base)
@@ -164,9 +162,7 @@ def _bounds(
     grouping[np.arange(len(columns)), columns] = 1.0
     grouping[:, hidden] = -combinations[:, columns].T
     facts, nothing = (independent, shown), MappingProxyType[str, tuple[int, int]]({})
-    return BaseParameters(
-        model.parameters, len(free), len(columns), columns, grouping, len(closed), facts, nothing
-    )
+    return BaseParameters(model.parameters, len(free), len(columns), columns, grouping, len(closed), facts, nothing)
 
 
 def _what_adds(sensor: str, between: tuple[int, int]) -> str:

@@ -26,8 +26,10 @@ _ROTOR, _DAMPER, _FRICTION, _SPRING, _OFFSET = range(5)  # a joint's own constan
 
 
 class Seen(NamedTuple):
-    """What a configuration shows, in balls: bodies' twists for each unit q̇ and each virtual motion, gravity in their
-    axes, alike the rates of joints, ρ to begin with, and stretches.
+    """What a configuration shows, in balls.
+
+    Bodies' twists for each unit q̇, then for each virtual motion, gravity in their axes; joints' rates alike, ρ to begin
+    with; and stretches.
     """
 
     twists: list[list[list[Ball]]]

@@ -70,12 +70,11 @@ def recorded_motions(
     return IdentificationEquations(loop, in_balls(tape, outputs), bodies, ends, pull, virtual, base), own
 
 
-def _opened(
-    tape: Tape, model: ReducedModel, recorded: RecordedModel, own: Numbering, forces: Sequence[str]
-) -> Table:
-    """Virtual rates R of all joints, of shape (n′, ·), one for each row of closures: φ_q′ R is 1 in it alone, α_q′ R = 0.
+def _opened(tape: Tape, model: ReducedModel, recorded: RecordedModel, own: Numbering, forces: Sequence[str]) -> Table:
+    """Virtual rates R of all joints, of shape (n′, ·), a column for each row of closures.
 
-    Along them these closures open, all others stay, and q does not move: Rᵀφ_q′ᵀλ are their λ.
+    φ_q′ R is 1 in this row alone and α_q′ R = 0: these closures open, all others stay, q stays, and Rᵀφ_q′ᵀλ are
+    their λ.
     """
     slices, jacobian = model.parametrization.constraints.row_slices(), recorded.motion.jacobian
     rows = [recorded.kept.index(k) for name in forces for k in range(slices[name].start, slices[name].stop)]
