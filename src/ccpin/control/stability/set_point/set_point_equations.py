@@ -95,6 +95,7 @@ def _bodies(closures: Closures, chains: tuple[Chain, ...]) -> tuple[Chain, ...]:
         NotProvedError: They are none.
     """
     require([not chain.direction for chain in chains], "bodies that are no points")
+    require([np.isfinite(chain.weights).all() for chain in chains], "weights that are none")
     return row_of(closures, chains).system.chains
 
 
