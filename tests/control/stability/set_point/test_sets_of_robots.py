@@ -1,15 +1,19 @@
 """One law and a set of robots: levels, slopes and points of rest, against a thousand of them."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ccpin.control import PDSimpleGravity, certify_set_point, suggest_gains
+from ccpin.control.stability.set_point import potential as module
+from ccpin.control.stability.set_point.potential import GravityBounds, gravity_bounds
 from ccpin.control.stability.set_point.set_point_reading import equations_of
 from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.proof.facts import NotProvedError
+from ccpin.proof.rounding import SLACK, widened
 from tests.support.paper import GOAL, K_P, K_V
 
 OFF = 0.08
@@ -147,6 +151,42 @@ def test_gains_for_a_set(law):
     assert few.verdict == "proven"
     assert few.beta > one.beta
     assert few.proved.claim.equations.masses.spread
+
+
+def test_what_a_set_adds_to_bounds(monkeypatch):
+    """Of each potential how far it is from its level, its slope and curvature over the box, and its own bounds."""
+    draw = np.random.default_rng(2)
+    told = {
+        name: GravityBounds(
+            draw.normal(size=3), draw.normal(size=(3, 2)), draw.normal(size=(3, 2, 2)), draw.random(3),
+            draw.random((3, 2, 2)), draw.random((3, 4, 2)),
+        )
+        for name in ("own", "first", "second")
+    }  # fmt: skip
+    asked, half = [], draw.random((3, 2))
+    monkeypatch.setattr(module, "_bounds_of_one", lambda problem, one, boxes: asked.append(problem) or told[one])
+    boxes = SimpleNamespace(centre=draw.normal(size=(3, 4)), half=half)
+    problem = SimpleNamespace(system=SimpleNamespace(independent=[1, 3]))
+
+    class Spread(str):
+        spread, levels = ("first", "second"), (0.25, -1e3)
+
+    own = Spread("own")
+    found, wide = gravity_bounds(problem, own, boxes), widened(boxes.centre[:, [1, 3]], half)
+    remainder, variation = told["own"].remainder, told["own"].variation
+    for name, level in zip(own.spread, own.levels, strict=True):
+        part = told[name]
+        bent = 0.5 * np.einsum("bi,bij,bj->b", wide, np.abs(part.hessian), wide)
+        rounding = 1e-12 * (np.abs(part.value) + abs(level))
+        rise = (
+            np.abs(part.value - level) + rounding + part.remainder + (np.abs(part.gradient) * wide).sum(axis=1) + bent
+        )
+        remainder, variation = (remainder + rise) * SLACK, (variation + np.abs(part.hessian) + part.variation) * SLACK
+    np.testing.assert_allclose(found.remainder, remainder, rtol=2e-15)
+    np.testing.assert_allclose(found.variation, variation, rtol=2e-15)
+    for name in ("value", "gradient", "hessian", "turning"):
+        assert getattr(found, name) is getattr(told["own"], name)
+    assert asked == [problem] * 3
 
 
 def test_bounds_that_are_none_are_told(law):
