@@ -134,6 +134,13 @@ def test_a_box_holds_the_ellipsoid_of_its_confidence(bench):
     root, reach = np.linalg.cholesky(found.covariance), found.multiples @ (0.5 * (upper - lower))
     farthest = np.sqrt(chi2.ppf(0.99, len(found.values))) * np.linalg.norm(root, axis=1)
     np.testing.assert_allclose(reach, farthest, rtol=1e-9)
+    around = found.box(0.99, bench.model.parameters)
+    still = np.setdiff1d(np.arange(len(lower)), moved)
+    np.testing.assert_array_equal(around[0][still], bench.model.parameters.values[still])
+    for mine, own in zip(around, (lower, upper), strict=True):
+        np.testing.assert_allclose(found.multiples @ mine, found.multiples @ own, atol=1e-12)
+    with pytest.raises(InvalidInputError, match="another mechanism"):
+        found.box(0.9, ccpin.ReducedModel(ccpin.load("four_bar")).parameters)
     for wrong in (0.0, 1.0, -0.5, np.nan, "much"):
         with pytest.raises(InvalidInputError, match="confidence"):
             found.box(wrong)

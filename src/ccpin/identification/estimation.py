@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.special import gammaincinv
 
-from ccpin.arrays import Array, Indices, positive, records
+from ccpin.arrays import Array, Indices, instance, positive, records
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
@@ -69,22 +69,31 @@ class Estimate(NamedTuple):
         """Standard deviations of the values, of shape (r,)."""
         return np.sqrt(np.diag(self.covariance))
 
-    def box(self, confidence: float = 0.95) -> tuple[Array, Array]:
-        """Bounds (lower, upper), of shape (p,) each, of `parameters` about the ellipsoid of this confidence.
+    def box(self, confidence: float = 0.95, about: DynamicParameters | None = None) -> tuple[Array, Array]:
+        """Bounds (lower, upper), of shape (p,) each, of constants about the ellipsoid of this confidence.
 
-        Of each combination its first parameter alone is between two bounds, the value less and plus √χ²_r deviations:
-        that is how far any of (β − β̂)ᵀ C⁻¹ (β − β̂) ≤ χ²_r goes. As Y knows combinations alone (to what `effects` calls
-        felt), a robot whose combinations are in the ellipsoid moves as one in the box does.
+        Of each combination its first parameter alone varies, so that the combination is its value less to plus √χ²_r
+        deviations: that is how far any of (β − β̂)ᵀ C⁻¹ (β − β̂) ≤ χ²_r goes. As Y knows combinations alone (to what
+        `effects` calls felt), a robot whose combinations are in the ellipsoid moves as one in the box does.
+
+        Args:
+            confidence: Of the ellipsoid, between 0 and 1.
+            about: What all other constants are, those of a law's model; default `parameters`.
 
         Raises:
-            InvalidInputError: The confidence is not between 0 and 1.
+            InvalidInputError: The confidence is not between 0 and 1, or the constants are another mechanism's.
         """
+        about = self.parameters if about is None else instance(about, "about", DynamicParameters)
+        if about.names != self.parameters.names:
+            raise InvalidInputError("the constants are those of another mechanism")
         level, radii = positive(confidence, "confidence", "a number between 0 and 1"), np.zeros(len(self.parameters))
         if level >= 1.0:
             raise InvalidInputError(f"confidence = {level:g} must be a number between 0 and 1")
         first = self.effects.columns[pivots(self.effects)]
         radii[first] = np.sqrt(2.0 * gammaincinv(len(self.values) / 2.0, level)) * self.deviations
-        return self.parameters.values - radii, self.parameters.values + radii
+        middle = np.array(about.values)
+        middle[first] += self.values - self.multiples @ about.values
+        return middle - radii, middle + radii
 
     def table(self) -> str:
         """Each combination, its value, its standard deviation and what the model states, a line each."""
