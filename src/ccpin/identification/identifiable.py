@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import qr
 
-from ccpin.arrays import Array, Indices, choice, records, whole
+from ccpin.arrays import Array, Indices, choice, instance, records, whole
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError, UnsupportedMechanismError
@@ -120,12 +120,12 @@ def base_parameters(
         CcpinError: python-flint is not installed.
     """
     model, bits = model_of(mechanism), whole(precision, "precision", 53)
-    wanted = None if states is None else whole(states, "states")
+    wanted, plate = None if states is None else whole(states, "states"), instance(base, "base", bool)
     names, added = _sensors(model, forces), dict[str, tuple[int, int]]()
     found = _bounds(model, (), False, wanted, bits)
     steps = [(name, names[: k + 1], False) for k, name in enumerate(names)]
-    for sensor, closures, plate in [*steps, *[("base", names, True)] * base]:
-        before, found = found, _bounds(model, closures, plate, wanted, bits)
+    for sensor, closures, held in [*steps, *[("base", names, True)] * plate]:
+        before, found = found, _bounds(model, closures, held, wanted, bits)
         added[sensor] = max(found.lower - before.upper, 0), found.upper - before.lower
     return replace(found, added=MappingProxyType(added))
 
