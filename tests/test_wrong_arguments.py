@@ -178,7 +178,10 @@ def _control(b):
             control.largest_sigma_error,
             {"law": b.tracking, "disturbance": 0.0, "initial_error": 0.0, "initial_speed": 0.0, "cells": 4},
         ),
-        "certify_set_point": (control.certify_set_point, pd | {"domain": b.box, "max_depth": None, "budget": None}),
+        "certify_set_point": (
+            control.certify_set_point,
+            pd | {"domain": b.box, "constants": None, "max_depth": None, "budget": None},
+        ),
         "sample_region": (
             sample_region,
             {"model": b.model, "lower": b.box[0], "upper": b.box[1], "q_free_d": b.q_free, "points": 50},
@@ -189,7 +192,15 @@ def _control(b):
         ),
         "suggest_gains": (
             control.suggest_gains,
-            {"model": b.model, "q_d": b.q, "domain": b.box, "margin": 1.5, "damping": 0.7, "near": None},
+            {
+                "model": b.model,
+                "q_d": b.q,
+                "domain": b.box,
+                "constants": None,
+                "margin": 1.5,
+                "damping": 0.7,
+                "near": None,
+            },
         ),
         "PDSimpleGravity.torque": (b.law.torque, {"state": b.state, "v": b.rest, "t": 0.0}),
         "PDSimpleGravity.lyapunov": (b.law.lyapunov, {"q": b.q, "v": b.rest, "near": None}),
@@ -392,7 +403,10 @@ def _identification(b):
         "AdaptiveTracking": (identification.AdaptiveTracking, law),
         "AdaptiveTracking.constants": (adaptive.constants, {"estimate": np.ones(4)}),
         "AdaptiveTracking.program": (adaptive.program, {"given": "near", "steps": 1, "near": adaptive.near}),
-        "base_parameters": (identification.base_parameters, {"mechanism": b.whole, "states": 1, "precision": 60}),
+        "base_parameters": (
+            identification.base_parameters,
+            {"mechanism": b.whole, "forces": (), "base": False, "states": 1, "precision": 60},
+        ),
         "consistent": (identification.consistent, {"model": b.model, "estimate": estimate, "doubt": 10.0}),
         "excitation": (identification.excitation, {"model": b.model, "duration": 1.0} | limits | search),
         "explained": (

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 import ccpin
 from ccpin.description.formats import write_description
@@ -120,3 +121,26 @@ def test_what_nothing_can_be_learnt_from_is_told(bench):
     other = ccpin.ReducedModel(ccpin.load("four_bar"))
     with pytest.raises(InvalidInputError):
         consistent(other, identify(bench.model, log))
+
+
+def test_a_box_holds_the_ellipsoid_of_its_confidence(bench):
+    """√χ²_r deviations either way of each combination's first parameter: how far the ellipsoid goes, and no farther."""
+    found = identify(bench.model, bench.log(7), kinds=("inertia",))
+    lower, upper = found.box(0.99)
+    moved = np.flatnonzero(upper > lower)
+    assert [bench.model.parameters.names[k] for k in moved] == [name.split()[0] for name in found.combinations]
+    away = found.multiples @ (0.5 * (lower + upper)) - found.values
+    np.testing.assert_allclose(away, 0.0, atol=1e-9 * np.abs(found.values).max())
+    root, reach = np.linalg.cholesky(found.covariance), found.multiples @ (0.5 * (upper - lower))
+    farthest = np.sqrt(chi2.ppf(0.99, len(found.values))) * np.linalg.norm(root, axis=1)
+    np.testing.assert_allclose(reach, farthest, rtol=1e-9)
+    around = found.box(0.99, bench.model.parameters)
+    still = np.setdiff1d(np.arange(len(lower)), moved)
+    np.testing.assert_array_equal(around[0][still], bench.model.parameters.values[still])
+    for mine, own in zip(around, (lower, upper), strict=True):
+        np.testing.assert_allclose(found.multiples @ mine, found.multiples @ own, atol=1e-12)
+    with pytest.raises(InvalidInputError, match="another mechanism"):
+        found.box(0.9, ccpin.ReducedModel(ccpin.load("four_bar")).parameters)
+    for wrong in (0.0, 1.0, -0.5, np.nan, "much"):
+        with pytest.raises(InvalidInputError, match="confidence"):
+            found.box(wrong)

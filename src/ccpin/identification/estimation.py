@@ -17,8 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import qr
+from scipy.special import gammaincinv
 
-from ccpin.arrays import Array, records
+from ccpin.arrays import Array, Indices, instance, positive, records
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
@@ -67,6 +68,32 @@ class Estimate(NamedTuple):
     def deviations(self) -> Array:
         """Standard deviations of the values, of shape (r,)."""
         return np.sqrt(np.diag(self.covariance))
+
+    def box(self, confidence: float = 0.95, about: DynamicParameters | None = None) -> tuple[Array, Array]:
+        """Bounds (lower, upper), of shape (p,) each, of constants about the ellipsoid of this confidence.
+
+        Of each combination its first parameter alone varies, so that the combination is its value less to plus √χ²_r
+        deviations: that is how far any of (β − β̂)ᵀ C⁻¹ (β − β̂) ≤ χ²_r goes. As Y knows combinations alone (to what
+        `effects` calls felt), a robot whose combinations are in the ellipsoid moves as one in the box does.
+
+        Args:
+            confidence: Of the ellipsoid, between 0 and 1.
+            about: What all other constants are, those of a law's model; default `parameters`.
+
+        Raises:
+            InvalidInputError: The confidence is not between 0 and 1, or the constants are another mechanism's.
+        """
+        about = self.parameters if about is None else instance(about, "about", DynamicParameters)
+        if about.names != self.parameters.names:
+            raise InvalidInputError("the constants are those of another mechanism")
+        level, radii = positive(confidence, "confidence", "a number between 0 and 1"), np.zeros(len(self.parameters))
+        if level >= 1.0:
+            raise InvalidInputError(f"confidence = {level:g} must be a number between 0 and 1")
+        first = self.effects.columns[pivots(self.effects)]
+        radii[first] = np.sqrt(2.0 * gammaincinv(len(self.values) / 2.0, level)) * self.deviations
+        middle = np.array(about.values)
+        middle[first] += self.values - self.multiples @ about.values
+        return middle - radii, middle + radii
 
     def table(self) -> str:
         """Each combination, its value, its standard deviation and what the model states, a line each."""
@@ -166,19 +193,19 @@ def _estimate(
     """Words and values: s₁ + (V₁ᵀ)⁻¹V₂ᵀ s₂ = (V₁ᵀ)⁻¹ β, with s = S π and V₁ the rows of V that pivot."""
     everything, scale, V = model.parameters, found.scale, found.basis
     r, stated = V.shape[1], everything.values[found.columns]
-    pivots = np.sort(qr(V.T, pivoting=True, mode="r")[1][:r])
-    turned = np.linalg.inv(V[pivots].T)
+    first = pivots(found)
+    turned = np.linalg.inv(V[first].T)
     multiples = np.zeros((r, len(everything)))
-    multiples[:, found.columns] = (turned @ V.T) * scale / scale[pivots][:, None]
+    multiples[:, found.columns] = (turned @ V.T) * scale / scale[first][:, None]
     multiples[np.abs(multiples) < _COUNTS * np.abs(multiples).max(axis=1, keepdims=True)] = 0.0
-    to_values = turned / scale[pivots][:, None]
+    to_values = turned / scale[first][:, None]
     near = stated + V @ (beta - V.T @ (scale * stated)) / scale
     values = np.array(everything.values)
     values[found.columns] = near
     return Estimate(
         tuple(
-            _words(everything.names, row, int(first))
-            for row, first in zip(multiples, found.columns[pivots], strict=True)
+            _words(everything.names, row, int(column))
+            for row, column in zip(multiples, found.columns[first], strict=True)
         ),
         to_values @ beta,
         multiples @ everything.values,
@@ -190,6 +217,11 @@ def _estimate(
         motions,
         found,
     )
+
+
+def pivots(found: Effects) -> Indices:
+    """Which of the columns combinations are written on, of shape (r,)."""
+    return np.sort(qr(found.basis.T, pivoting=True, mode="r")[1][: found.basis.shape[1]])
 
 
 def _words(names: Sequence[str], multiples: Array, first: int) -> str:

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from scipy.linalg import qr
 
-from ccpin.arrays import Array, Indices, whole
+from ccpin.arrays import Array, Indices, choice, instance, records, whole
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
-from ccpin.errors import CcpinError
+from ccpin.errors import CcpinError, UnsupportedMechanismError
 from ccpin.identification.exact_spaces import doubles
 from ccpin.identification.identification_equations import IdentificationEquations
 from ccpin.identification.rank_claims import IndependentColumns, VanishingCombinations, stacked_forms
 from ccpin.identification.recorded_twists import recorded_motions
-from ccpin.identification.vanishing import identities
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.facts import Fact, prove
 from ccpin.validated.arithmetic.balls import Ball, ball, flint
@@ -43,6 +43,7 @@ class BaseParameters:
         grouping: Of shape (upper, p), ones at `base`.
         states: Closed states that the lower bound rests on.
         facts: What both rest on.
+        added: By each of the sensors, in the order given: at least and at most so many combinations more.
     """
 
     parameters: DynamicParameters
@@ -52,6 +53,7 @@ class BaseParameters:
     grouping: Array
     states: int
     facts: tuple[Fact, Fact]
+    added: Mapping[str, tuple[int, int]]
 
     @property
     def proved(self) -> bool:
@@ -71,11 +73,12 @@ class BaseParameters:
     @property
     def reason(self) -> str:
         """What is proved, in a sentence."""
+        count, more = len(self.parameters), "".join(f"; {_what_adds(*each)}" for each in self.added.items())
         if self.proved:
-            return f"{self.lower} of {len(self.parameters)} combinations are identifiable: proved from both sides"
+            return f"{self.lower} of {count} combinations are identifiable: proved from both sides{more}"
         return (
-            f"at least {self.lower} and at most {self.upper} of {len(self.parameters)} combinations are identifiable; "
-            f"{self.upper - self.lower} seem to depend on others at {self.states} states, which is not proved"
+            f"at least {self.lower} and at most {self.upper} of {count} combinations are identifiable; "
+            f"{self.upper - self.lower} seem to depend on others at {self.states} states, which is not proved{more}"
         )
 
     def __repr__(self) -> str:
@@ -91,55 +94,94 @@ class BaseParameters:
 
 
 def base_parameters(
-    mechanism: Mechanism | ReducedModel, *, states: int | None = None, precision: int = 500
+    mechanism: Mechanism | ReducedModel,
+    *,
+    forces: Sequence[str] = (),
+    base: bool = False,
+    states: int | None = None,
+    precision: int = 500,
 ) -> BaseParameters:
     """How many combinations of a mechanism's constants its equations of motion show, proved as far as can be.
 
+    What encoders of passive joints tell is q′, which closures make known anyway: they add no combination.
+
     Args:
         mechanism: A mechanism, or a model with its gravity.
+        forces: Closures and couplings whose constraint forces (all their λ) are measured besides the motors' efforts:
+            a rod's axial force, what a ball joint carries.
+        base: Whether the wrench between the ground and all that stands on it is measured, as a force plate does.
         states: How many closed states are tried; default half as many again as have to suffice.
         precision: In bits, of the arithmetic.
 
     Raises:
-        InvalidInputError: No mechanism is given, or numbers that are none.
+        InvalidInputError: No mechanism is given, numbers that are none, or a closure that is none.
+        UnsupportedMechanismError: λ is asked for where closures repeat one another: motion does not decide it.
         ConvergenceError: No closed state near the reference is proved.
         CcpinError: python-flint is not installed.
     """
     model, bits = model_of(mechanism), whole(precision, "precision", 53)
-    wanted = None if states is None else whole(states, "states")
+    wanted, plate = None if states is None else whole(states, "states"), instance(base, "base", bool)
+    names, added = _sensors(model, forces), dict[str, tuple[int, int]]()
+    found = _bounds(model, (), False, wanted, bits)
+    steps = [(name, names[: k + 1], False) for k, name in enumerate(names)]
+    for sensor, closures, held in [*steps, *[("base", names, True)] * plate]:
+        before, found = found, _bounds(model, closures, held, wanted, bits)
+        added[sensor] = max(found.lower - before.upper, 0), found.upper - before.lower
+    return replace(found, added=MappingProxyType(added))
+
+
+def _sensors(model: ReducedModel, forces: Sequence[str]) -> tuple[str, ...]:
+    """Closures and couplings whose forces are measured, checked."""
+    constraints = model.parametrization.constraints
+    names = records(forces, "forces", str)
+    for name in names:
+        choice(name, "forces", tuple(constraints.row_slices()))
+    if names and constraints.size > model.mechanism.n_free - model.n:
+        raise UnsupportedMechanismError(
+            f"{model.mechanism.name}: closures repeat one another, so that the motion does not decide their forces"
+        )
+    return tuple(dict.fromkeys(names))
+
+
+def _bounds(model: ReducedModel, forces: tuple[str, ...], base: bool, states: int | None, bits: int) -> BaseParameters:
+    """What is proved with some sensors."""
     with flint().ctx.workprec(bits):
-        equations, own = recorded_motions(model)
+        equations, own = recorded_motions(model, forces, base)
         shown = prove(VanishingCombinations(equations, _apart(equations)))
         combinations = shown.found["combinations"][0]
         hidden = [int(np.flatnonzero(row)[-1]) for row in combinations]
-        base = np.setdiff1d(np.arange(equations.sizes["P"]), hidden)
-        count = wanted or _enough(len(base), model.n)
-        closed = _closed_states(model, equations, own, count, bits)
+        columns = np.setdiff1d(np.arange(equations.sizes["P"]), hidden)
+        closed = _closed_states(model, equations, own, states or _enough(len(columns), equations), bits)
         forms = stacked_forms(equations, closed)
-    rows, columns = _independent(forms, base.tolist(), bits)
+    rows, free = _independent(forms, columns.tolist(), bits)
     independent = prove(
-        IndependentColumns(
-            equations, np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64), np.array([bits])
-        ),
+        IndependentColumns(equations, np.array(rows, dtype=np.int64), np.array(free, dtype=np.int64), np.array([bits])),
         *closed,
     )
-    grouping = np.zeros((len(base), equations.sizes["P"]))
-    grouping[np.arange(len(base)), base] = 1.0
-    grouping[:, hidden] = -combinations[:, base].T
-    return BaseParameters(model.parameters, len(columns), len(base), base, grouping, len(closed), (independent, shown))
+    grouping = np.zeros((len(columns), equations.sizes["P"]))
+    grouping[np.arange(len(columns)), columns] = 1.0
+    grouping[:, hidden] = -combinations[:, columns].T
+    facts, nothing = (independent, shown), MappingProxyType[str, tuple[int, int]]({})
+    return BaseParameters(model.parameters, len(free), len(columns), columns, grouping, len(closed), facts, nothing)
+
+
+def _what_adds(sensor: str, between: tuple[int, int]) -> str:
+    least, most = between
+    return f"{sensor} adds {least}" if least == most else f"{sensor} adds between {least} and {most}"
 
 
 def _apart(equations: IdentificationEquations) -> Indices:
     """Which combinations to choose: as many as are independent, and not by their numbers' rounding."""
-    rows = doubles(identities(equations.bodies, equations.ends, equations.gravity))
+    rows = doubles(equations.identities)
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     triangle, order = qr(rows.T, mode="r", pivoting=True)
     return np.sort(order[: np.sum(np.abs(np.diagonal(triangle)) > _ROUNDED)]).astype(np.int64)
 
 
-def _enough(columns: int, n: int) -> int:
-    """States that may suffice: each has n(n + 1)/2 + n forms of masses and weights."""
-    return 4 + (3 * columns) // (n * (n + 3))
+def _enough(columns: int, equations: IdentificationEquations) -> int:
+    """States that may suffice: each has n(n + 1)/2 + n forms of masses and weights, n + 1 for each virtual motion."""
+    n = equations.loop.n
+    return 4 + (3 * columns) // (n * (n + 3) + 2 * equations.virtual * (n + 1))
 
 
 def _closed_states(

@@ -12,8 +12,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 from ccpin.dynamics.parameters import BODY
-from ccpin.identification.vanishing import ClosedEnds, JoinedBody
+from ccpin.identification.vanishing import ClosedEnds, JoinedBody, identities
 from ccpin.programs.instructions import Code
+from ccpin.programs.recording.recorded_tree import Table
 from ccpin.proof.digests import digest
 from ccpin.proof.facts import known, require
 from ccpin.validated.arithmetic.balls import Ball, ball, flint
@@ -25,7 +26,11 @@ _ROTOR, _DAMPER, _FRICTION, _SPRING, _OFFSET = range(5)  # a joint's own constan
 
 
 class Seen(NamedTuple):
-    """What a configuration shows, in balls: twists of bodies for unit q̇ and gravity in their axes, ρ, stretches."""
+    """What a configuration shows, in balls.
+
+    Bodies' twists for each unit q̇, then for each virtual motion, gravity in their axes; joints' rates alike, ρ to begin
+    with; and stretches.
+    """
 
     twists: list[list[list[Ball]]]
     gravity: list[list[Ball]]
@@ -40,11 +45,14 @@ class IdentificationEquations:
 
     Attributes:
         loop: Its closures.
-        motions: Twists of each body for unit q̇ one after the other (linear, angular, about its origin in its axes),
-            gravity in its axes, ρ row by row, and the displacements of joints that can have springs.
+        motions: Twists of each body for unit q̇ and virtual motions one after the other (linear, angular, about its
+            origin in its axes), gravity in its axes, ρ and the joints' virtual rates row by row, and the displacements
+            of joints that can have springs.
         bodies: The bodies and joints.
         ends: Closures over which inertia may be handed.
         gravity: In world axes.
+        virtual: How many virtual motions there are: what is measured besides u is the work of it along them.
+        held: Whether the wrench that holds the world is measured.
     """
 
     loop: ClosedLoopEquations
@@ -52,6 +60,8 @@ class IdentificationEquations:
     bodies: tuple[JoinedBody, ...]
     ends: tuple[ClosedEnds, ...]
     gravity: tuple[Fraction, ...]
+    virtual: int = 0
+    held: bool = False
 
     def __post_init__(self) -> None:
         require(type(self.loop) is ClosedLoopEquations, "no closures")
@@ -61,9 +71,10 @@ class IdentificationEquations:
         require([0 <= body.parent <= k for k, body in enumerate(self.bodies)], "a body before the one that carries it")
         require([type(each) is ClosedEnds for each in self.ends], "closures that are none")
         require([0 <= end <= len(self.bodies) for each in self.ends for end in each[:2]], "a closure of no body")
-        freedoms = sum(len(body.slides) for body in self.bodies)
+        require(type(self.virtual) is int and self.virtual >= 0 and type(self.held) is bool, "sensors that are none")
+        freedoms, columns = sum(len(body.slides) for body in self.bodies), self.loop.n + self.virtual
         stretches = sum(map(_stretched, self.bodies))
-        due = len(self.bodies) * (6 * self.loop.n + 3) + freedoms * self.loop.n + stretches
+        due = len(self.bodies) * (6 * columns + 3) + freedoms * columns + stretches
         require(len(self.motions.outputs) == due, "motions of other bodies")
 
     @property
@@ -74,23 +85,29 @@ class IdentificationEquations:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all programs and numbers."""
-        return digest((self.loop.digest, repr(words(self.motions)), repr((self.bodies, self.ends, self.gravity))))
+        structure = self.bodies, self.ends, self.gravity, self.virtual, self.held
+        return digest((self.loop.digest, repr(words(self.motions)), repr(structure)))
+
+    @cached_property
+    def identities(self) -> Table:
+        """Combinations without effect that structure shows, of shape (K, p)."""
+        return identities(self.bodies, self.ends, self.gravity, self.held)
 
     def forms(self, state: Sequence[Ball]) -> list[list[Ball]]:
         """Linear forms of π at a state (x, q̇), of length p each: they vanish on every z with Y z ≡ 0.
 
-        Entries of D (i ≤ j), of g, of the dampers' ρᵀBρ, and of friction along q̇.
+        Entries of D (i ≤ j), of g, of the dampers' ρᵀBρ, and of friction along q̇; i also a virtual motion, j not.
         """
-        n = self.loop.n
+        n, columns = self.loop.n, range(self.loop.n + self.virtual)
         seen, v = self._seen(state), state[self.loop.n_x : self.loop.n_x + n]
-        pairs = [(i, j) for i in range(n) for j in range(i, n)]
+        pairs = [(i, j) for i in columns for j in range(i if i < n else 0, n)]
         masses = [self._form(_masses(seen, i, j), seen, _ROTOR, (i, j)) for i, j in pairs]
-        weights = [self._form(_weights(seen, i), seen, _SPRING, (i,)) for i in range(n)]
+        weights = [self._form(_weights(seen, i), seen, _SPRING, (i,)) for i in columns]
         nothing = [ball(0)] * (BODY * len(self.bodies))
         dampers = [self._form(nothing, seen, _DAMPER, (i, j)) for i, j in pairs]
-        ways = [_sign(sum((a * b for a, b in zip(row, v, strict=True)), ball(0))) for row in seen.rho]
+        ways = [_sign(sum((a * b for a, b in zip(row, v, strict=False)), ball(0))) for row in seen.rho]
         rubbed = [[*row, way] for row, way in zip(seen.rho, ways, strict=True)]
-        friction = [self._form(nothing, seen._replace(rho=rubbed), _FRICTION, (i, n)) for i in range(n)]
+        friction = [self._form(nothing, seen._replace(rho=rubbed), _FRICTION, (i, len(columns))) for i in columns]
         return [*masses, *weights, *dampers, *friction]
 
     def _form(self, bodies: Sequence[Ball], seen: Seen, kind: int, axes: tuple[int, ...]) -> list[Ball]:
@@ -112,7 +129,7 @@ class IdentificationEquations:
         return found
 
     def _seen(self, state: Sequence[Ball]) -> Seen:
-        n, count = self.loop.n, len(self.bodies)
+        n, count = self.loop.n + self.virtual, len(self.bodies)
         told: Iterator[Ball] = iter(values(self.motions, self.loop.at_rest(state)))
 
         def table(rows: int, columns: int) -> list[list[Ball]]:

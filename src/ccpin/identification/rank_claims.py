@@ -10,7 +10,6 @@ import numpy as np
 from ccpin.arrays import Indices
 from ccpin.identification.exact_spaces import doubles, reduced
 from ccpin.identification.identification_equations import IdentificationEquations
-from ccpin.identification.vanishing import identities
 from ccpin.proof.facts import Examined, Fact, Form, ProvableClaim, is_fact, provable, require
 from ccpin.validated.arithmetic.balls import Ball, flint
 from ccpin.validated.flow.start_claim import PRECISION, ClosedStart, state_of
@@ -70,7 +69,7 @@ class VanishingCombinations(ProvableClaim):
         """Their rank, in exact numbers."""
         require(not premises, "structure rests on nothing else")
         width = self.equations.sizes["P"]
-        shown = identities(self.equations.bodies, self.equations.ends, self.equations.gravity)
+        shown = self.equations.identities
         require(self.chosen < len(shown), "a combination that structure does not show")
         form = reduced(shown[self.chosen][:, ::-1], width)
         require(len(form.rows) == len(self.chosen), "combinations that depend on each other")

@@ -1,8 +1,9 @@
 """Combinations of constants that no motion shows, as a mechanism's structure has them, in exact numbers.
 
 `ccpin/proof/theorems/identifiable.md` proves both kinds: (1) what a body's motions do not show; (2) what is the same on
-either side of a joint or a closure, with a rotor and a constant effort between them. Twists are (linear, angular) about
-a body's origin in its axes; a body's ten numbers are in Pinocchio's order.
+either side of a joint or a closure, with a rotor and a constant effort between them; both, too, where the wrench that
+holds the world is measured. Twists are (linear, angular) about a body's origin in its axes; a body's ten numbers are in
+Pinocchio's order.
 """
 
 from __future__ import annotations
@@ -61,40 +62,61 @@ class BodyMotions(NamedTuple):
         twists: Rows that span its twists, wherever it is.
         pulls: Rows that span gravity.
         gravity: At no displacement.
+        held: Whether the wrench that holds the world is measured: then momentum and weight count in all directions.
     """
 
     twists: Table
     pulls: Table
     gravity: Table
+    held: bool
 
     @property
     def level(self) -> Table:
         """Gravity as twists without turn."""
         return np.hstack([self.pulls, np.zeros_like(self.pulls)])
 
+    @property
+    def felt(self) -> tuple[Table, Table]:
+        """Rows a and w such that what a body does to the equations is aᵀM w."""
+        both = np.vstack([self.twists, self.level])
+        return (_EVERY, both) if self.held else (both, self.twists)
+
     def seen_from(self, frame: Table) -> BodyMotions:
         """In another frame on it."""
-        return BodyMotions(self.twists @ _to_frame(frame).T, self.pulls @ frame[:3, :3], self.gravity @ frame[:3, :3])
+        turned, pulls = self.twists @ _to_frame(frame).T, self.pulls @ frame[:3, :3]
+        return BodyMotions(turned, pulls, self.gravity @ frame[:3, :3], self.held)
 
     def moved(self, steps: Sequence[Table]) -> BodyMotions:
         """In a frame that a joint's steps move, wherever they have moved it."""
         turns = [step[3:] for step in steps if any(step[3:])]
         twists = invariant_span(self.twists, map(_across, steps))
-        return BodyMotions(twists, invariant_span(self.pulls, map(_skew, turns)), self.gravity)
+        return BodyMotions(twists, invariant_span(self.pulls, map(_skew, turns)), self.gravity, self.held)
 
 
-def identities(bodies: Sequence[JoinedBody], ends: Sequence[ClosedEnds], gravity: Sequence[Fraction]) -> Table:
-    """Vectors z with Y z = 0 at every closed configuration, of shape (K, p); they may depend on each other."""
+def identities(
+    bodies: Sequence[JoinedBody], ends: Sequence[ClosedEnds], gravity: Sequence[Fraction], held: bool = False
+) -> Table:
+    """Vectors z with Y z = 0 at every closed configuration, of shape (K, p); they may depend on each other.
+
+    Args:
+        bodies: The bodies and joints.
+        ends: Closures over which inertia may be handed: those whose forces are not measured.
+        gravity: In world axes.
+        held: Whether Y has the rows of the wrench that holds the world, too.
+    """
     count = BODY * len(bodies)
     width, found = count + sum(len(body.kinds) for body in bodies), list[Table]()
     pull = np.array([rational(g) for g in gravity], dtype=object)
-    moving = {0: BodyMotions(np.zeros((0, 6), dtype=object), pull[None], pull)}
+    moving = {0: BodyMotions(np.zeros((0, 6), dtype=object), pull[None], pull, held)}
+    fallen = np.array([(M @ [*pull, 0, 0, 0]) for M in _UNIT_INERTIAS], dtype=object)
 
     def handed(b: int, at_b: Table, a: int, at_a: Table) -> Table:
-        z = np.zeros(width, dtype=object)
+        z = np.zeros(width + 6, dtype=object)
         for body, part in ((b, at_b), (a, -at_a)):
             if body:
                 z[BODY * (body - 1) : BODY * body] += part
+            elif held:
+                z[width:] += part @ fallen
         found.append(z)
         return z
 
@@ -112,17 +134,18 @@ def identities(bodies: Sequence[JoinedBody], ends: Sequence[ClosedEnds], gravity
         count += len(body.kinds)
     for closure in ends:
         frames = _table(closure.frame_a), _table(closure.frame_b)
-        steps = [np.eye(6, dtype=int).astype(object)[k] for k in closure.moves]
+        steps = [_EVERY[k] for k in closure.moves]
         before = moving[closure.a].seen_from(frames[0]).moved(steps)
         for z in _handed(before, steps, rotor=False, effort=False)[:, :BODY]:
             handed(closure.b, _moved(z, frames[1]), closure.a, _moved(z, frames[0]))
-    return np.array([[rational(x) for x in row] for row in found], dtype=object).reshape(-1, width)
+    rows = np.array([[rational(x) for x in row] for row in found], dtype=object).reshape(-1, width + 6)
+    return null_space(rows[:, width:].T, len(rows)) @ rows[:, :width] if held else rows[:, :width]
 
 
 def _unseen(moving: BodyMotions) -> Table:
     """(1) Ten numbers without energy at any twist, and without weight along it."""
-    every = np.vstack([moving.twists, moving.level])
-    columns = [(every @ M @ moving.twists.T).ravel() for M in _UNIT_INERTIAS]
+    a, w = moving.felt
+    columns = [(a @ M @ w.T).ravel() for M in _UNIT_INERTIAS]
     return null_space(np.array(columns, dtype=object).T, BODY)
 
 
@@ -139,13 +162,14 @@ def _handed(before: BodyMotions, steps: Sequence[Table], rotor: bool, effort: bo
         Rows of 12 numbers.
     """
     u, s = before.twists, np.array(steps, dtype=object).reshape(-1, 6)
-    every, size = np.vstack([u, before.level]), s @ s.T
+    (a, w), size = before.felt, s @ s.T
     effort = effort and len(before.pulls) <= 1 and size[0, 0] == 1
     down = np.concatenate([before.gravity, [0, 0, 0]])[None] if effort else before.level
     columns = []
     for M in _UNIT_INERTIAS:
-        turned = [(every @ (across.T @ M + M @ across) @ u.T).ravel() for across in map(_across, steps)]
-        columns.append(np.concatenate([*turned, *((x @ M @ y.T).ravel() for x, y in ((s, u), (s, s), (down, s)))]))
+        turned = [(a @ (across.T @ M + M @ across) @ w.T).ravel() for across in map(_across, steps)]
+        pairs = [*[(_EVERY, s)] * before.held, (s, u), (s, s), (down, s)]
+        columns.append(np.concatenate([*turned, *((x @ M @ y.T).ravel() for x, y in pairs)]))
     rows = len(down) * len(s)
     ahead = [0] * (len(columns[0]) - size.size - rows)
     turning = np.array([*ahead, *(size * np.eye(len(s), dtype=int)).ravel(), *[0] * rows], dtype=object)
@@ -207,3 +231,4 @@ def _unit_inertias() -> Iterator[Table]:
 
 
 _UNIT_INERTIAS = tuple(_unit_inertias())
+_EVERY = np.eye(6, dtype=int).astype(object)

@@ -25,7 +25,7 @@ ROOMS: tuple[Room, ...] = (
             "_expand",
             "_slopes",
             "Potential.magnitude",
-            "potential_of",
+            "_potential",
             "potential_values",
         ),
         (

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
-_CLAIMS = ("identification/test_rank_claims.py",)
-_STRUCTURE = ("identification/test_vanishing.py",)
+_CLAIMS = ("identification/test_rank_claims.py", "identification/test_more_sensors.py")
+_STRUCTURE = ("identification/test_vanishing.py", "identification/test_more_sensors.py")
 
 ROOMS = (
     Room("identification/exact_spaces", ("reduced", "null_space", "invariant_span"), (*_STRUCTURE, *_CLAIMS)),
@@ -23,7 +23,7 @@ ROOMS = (
                 "_moved",
                 "_unit_inertias",
             ),
-            *("BodyMotions.level", "BodyMotions.seen_from", "BodyMotions.moved", "MOVES", "_PAIRS"),
+            *("BodyMotions.level", "BodyMotions.felt", "BodyMotions.seen_from", "BodyMotions.moved", "MOVES", "_PAIRS"),
         ),
         _STRUCTURE,
     ),
@@ -32,6 +32,7 @@ ROOMS = (
         (
             "IdentificationEquations.__post_init__",
             "IdentificationEquations.sizes",
+            "IdentificationEquations.identities",
             "IdentificationEquations.forms",
             "IdentificationEquations._form",
             "IdentificationEquations._seen",

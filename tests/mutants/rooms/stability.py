@@ -5,6 +5,7 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _WELLS = ("control/stability/set_point/test_sharp_wells.py",)
+_SETS = ("control/stability/set_point/test_sets_of_robots.py",)
 _SUBLEVEL = ("control/stability/set_point/test_sharp_sublevel.py",)
 _TRACKING = ("control/stability/tracking/test_sharp_tracking.py",)
 ROOMS: tuple[Room, ...] = (
@@ -40,7 +41,17 @@ ROOMS: tuple[Room, ...] = (
             ("require(beta < np.inf", "left × 0.5", "half of ∞ is no less"),
         ),
     ),
-    Room("control/stability/set_point/sublevel_claim", ("SublevelProved.examined", "exposed", "_meets"), _SUBLEVEL),
+    Room(
+        "control/stability/set_point/sublevel_claim",
+        ("SublevelProved.examined", "SublevelProved._rest", "exposed", "_meets"),
+        _SUBLEVEL,
+    ),
+    Room("control/stability/set_point/potential", ("_ROUNDING", "gravity_bounds", "potential_of"), _SETS),
+    Room("control/stability/set_point/set_point_reading", ("radii_of",), _SETS),
+    Room("control/stability/set_point/set_point_certificate", ("SetPointCertificate._highest",), _SETS),
+    Room(
+        "control/stability/set_point/set_point_equations", ("SetPointEquations.misjudged", "_bodies", "_gravity"), _SETS
+    ),
     Room(
         "proof/equations",
         ("row_of",),
@@ -48,7 +59,7 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "control/stability/set_point/set_point_reading",
-        ("equations_of", "set_point_of"),
+        ("equations_of", "theta_of", "set_point_of"),
         ("control/stability/set_point/test_sublevel_claims.py", "control/stability/set_point/test_sharp_wells.py"),
         (("theta[reading.system.independent] = law.q_d", "", "a configuration at another q is refused"),),
     ),

@@ -112,8 +112,7 @@ def law_at(q_d, free=None):
 def taken(monkeypatch):
     """`cells_of_atlas` with everything told."""
     told = SimpleNamespace(pairs={(0, 1), (1, 2)}, enclosed=None, asked=[], turned=None, sprung=False)
-    monkeypatch.setattr(module, "masses_of", lambda *_: "masses")
-    monkeypatch.setattr(module, "potential_of", lambda masses: "potential")
+    monkeypatch.setattr(module, "_potential", lambda *_: "potential")
     monkeypatch.setattr(module, "set_point_of", lambda law: law)
     monkeypatch.setattr(module, "_glued_pairs", lambda atlas: told.pairs)
     monkeypatch.setattr(module, "on_the_line", lambda one, potential: one._replace() if told.sprung else one)
@@ -290,8 +289,7 @@ def test_a_first_cell_is_the_box_that_was_proved(monkeypatch, single):
     made = []
     monkeypatch.setattr(module, "_Trials", Trials)
     monkeypatch.setattr(module, "seed_at_coordinates", lambda *_: SimpleNamespace(reading="reading"))
-    monkeypatch.setattr(module, "masses_of", lambda *_: "masses")
-    monkeypatch.setattr(module, "potential_of", lambda masses: "potential")
+    monkeypatch.setattr(module, "_potential", lambda *_: "potential")
     monkeypatch.setattr(module, "set_point_of", lambda law: law)
     monkeypatch.setattr(module, "on_the_line", lambda *given: "line")
     law = SimpleNamespace(q_d=q_d, q_free_d=None, model=SimpleNamespace(mechanism=None, gravity_vector=None))

@@ -35,7 +35,7 @@ class Made:
             for i, j in product(range(len(self.centres)), repeat=2)
             if i < j and np.all(np.abs(self.centres[i] - self.centres[j]) <= self.half[i] + self.half[j] + 1e-9)
         ]
-        self.turns = {}
+        self.turns, self.misjudged = {}, 0.0
         monkeypatch.setattr(module, "gravity_bounds", lambda *given: given)
         monkeypatch.setattr(module, "wells", self._wells)
         monkeypatch.setattr(module, "encloses", self._encloses)
@@ -62,7 +62,12 @@ class Made:
         law = SimpleNamespace(q_d=self.q_d)
         closures = SimpleNamespace(system=system, problem=Named("problem", system))
         equations = SimpleNamespace(
-            closures=closures, law=law, gain=self.gain, theta=np.full(n + 1, 7.0), potential="potential"
+            closures=closures,
+            law=law,
+            gain=self.gain,
+            theta=np.full(n + 1, 7.0),
+            potential="potential",
+            misjudged=self.misjudged,
         )
         assert problem.system is closures.system
         if self.over is not None:
@@ -261,6 +266,27 @@ def test_zero_is_no_level(monkeypatch, least, held):
     made = Made(monkeypatch, [[0.5]], q_d=[0.5])
     made.told = [Ends({0.0: least, 1.0: 2.0}, -1.0)]
     assert made.level() == least if held else made.refused("above 0 on the boundary") is None
+
+
+def test_where_robots_of_a_set_come_to_rest(monkeypatch):
+    """What g(q_d) is misjudged by over k − β, β of cells that may hold U as low as at q_d, which is to be below c."""
+    made = block(monkeypatch)
+    made.beta = lambda centre: 1.0 + np.abs(centre).sum()
+    assert made.found()["rest"][0] == 0.0
+    made.misjudged = 2.0
+    found = made.found()
+    assert found["beta"][0] > 1.0
+    assert found["rest"][0] == pytest.approx(0.25, rel=1e-9)
+    assert found["rest"][0] > 0.25
+    made.told = [Ends({0.0: 2.0, 1.0: 1.0, 0.5: 1.5}, 0.5), Ends({1.0: 2.0, 2.0: 2.0}, 1.5)]
+    made.boxes, made.centres = boxes_about(np.array([[0.5], [1.5]]), np.full((2, 1), 0.5)), np.array([[0.5], [1.5]])
+    made.lower, made.upper, made.pairs, made.q_d = made.centres - 0.5, made.centres + 0.5, [(0, 1)], np.array([0.5])
+    made.told[1].beta = 5.0
+    assert made.found()["rest"][0] == pytest.approx(0.5, rel=1e-9)
+    made.told[1].least = 1.5 + 1e-9
+    assert made.found()["rest"][0] == pytest.approx(0.25, rel=1e-9)
+    made.told[0].values[0.5] = 2.0
+    made.refused("every robot")
 
 
 def test_sheets_over_one_another_are_joined_where_they_are_glued(monkeypatch):

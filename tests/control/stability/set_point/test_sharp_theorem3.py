@@ -177,7 +177,7 @@ def asked(monkeypatch):
     monkeypatch.setattr(module, "require_about", lambda *_: None)
     monkeypatch.setattr(module, "cells_around", lambda *_: store)
     monkeypatch.setattr(module, "cells_of_atlas", lambda *_: store)
-    monkeypatch.setattr(module, "equations_of", lambda law, reading: (law, reading))
+    monkeypatch.setattr(module, "equations_of", lambda law, reading, _: (law, reading))
     monkeypatch.setattr(module, "proved_of_cells", lambda kind, *given: told.asked.append(given) or told.fact())
     monkeypatch.setattr(module, "_sampled", lambda *_: "sampled")
     monkeypatch.setattr(words, "too_weak", lambda mechanism, poses, free: f"{mechanism} {free}")

@@ -344,7 +344,8 @@ def test_the_cell_without_a_domain_is_that_of_a_lattice(monkeypatch, rpdr_model)
     asked, around = [], module.cells_around
     monkeypatch.setattr(module, "cells_around", lambda *given: asked.append(given) or around(*given))
     found = suggest_gains(rpdr_model, GOAL)
-    ((law, gain, limits),) = asked
+    ((law, gain, limits, none),) = asked
+    assert none is None
     slope = np.linalg.norm(rpdr_model.gravity_derivative(GOAL), 2)
     np.testing.assert_allclose(law.K_p, 1.5 * slope * np.eye(2), rtol=1e-12)
     assert (gain, limits.cells > 1) == (np.inf, True)

@@ -30,7 +30,7 @@ from ccpin.control.stability.set_point.certified_cells import CellStore, aligned
 from ccpin.control.stability.set_point.flood import FloodLimits
 from ccpin.control.stability.set_point.sampled_region import checked_region, sample_region
 from ccpin.control.stability.set_point.set_point_cells import SlopeBounded
-from ccpin.control.stability.set_point.set_point_reading import equations_of
+from ccpin.control.stability.set_point.set_point_reading import equations_of, radii_of
 from ccpin.control.stability.set_point.starting_cells import cells_around, cells_of_atlas
 from ccpin.control.stability.set_point.theorem3 import require_certifiable
 from ccpin.covering.region import Corners
@@ -46,6 +46,7 @@ from ccpin.proof.verdict import Verdict
 _ABOVE = 1.5  # of ‖∂g/∂q‖₂ at the set point: above 1, K_p + ∂g/∂q is positive definite there
 _NO_SLOPE = 1e-12  # N m/rad or N/m: gravity does not act
 _CELLS = 2000  # proved by default, after which the bound is taken as it is: more sharpen it
+_CELLS_OF_A_SET = 500  # alike, where no cell's centre bears out what a set of robots adds
 _ACCURACY = 0.05  # of a bound: near enough to what a cell's centre shows
 _TORN = "on the atlas V is no function: boxes meet only with a turn of a joint that has a spring; pass a smaller one"
 
@@ -136,6 +137,7 @@ def suggest_gains(
     q_d: ArrayLike,
     domain: Atlas | Corners | None = None,
     *,
+    constants: tuple[ArrayLike, ArrayLike] | None = None,
     margin: float = 1.5,
     damping: float = 0.7,
     fastest: float = 1e4,
@@ -150,6 +152,8 @@ def suggest_gains(
             q_d as `certify_set_point` lays its first, somewhat smaller than the largest that can be proved (`reason`
             says how large it is); or a region (lower, upper) over which β is sampled. Where a domain ends near a
             singularity β is large or far from sharp: `reason` says so, and a smaller one is what helps.
+        constants: Bounds (lower, upper) of the constants of a set of robots, as for `certify_law`: β is then that of
+            every robot of the set; all else is the model's. Over an atlas, or without a domain.
         margin: K_p over β, above 1.
         damping: ζ of every mode, above 0.
         fastest: The largest ω of the loop's modes that there may be, rad/s.
@@ -168,10 +172,15 @@ def suggest_gains(
     model = model_of(model)
     ones = np.ones(model.n)
     law = PDSimpleGravity(model, q_d, ones, ones, near)
+    radii = radii_of(model, constants)
     if domain is None:
-        over = _over_one_cell(law)
+        over = _over_one_cell(law, radii)
+    elif isinstance(domain, Atlas):
+        over = _over_atlas(law, domain, radii)
+    elif radii is None:
+        over = _over_samples(law, domain)
     else:
-        over = _over_atlas(law, domain) if isinstance(domain, Atlas) else _over_samples(law, domain)
+        raise InvalidInputError("of a set of robots nothing is sampled: give an atlas, or no domain")
     if not over.slope.bound > _NO_SLOPE:
         raise InvalidInputError("gravity has no slope on the domain (β = 0): any positive K_p satisfies Theorem 3")
     stiffness = margin * over.slope.bound * np.eye(model.n)
@@ -234,41 +243,44 @@ def _over_samples(law: PDSimpleGravity, region: Corners) -> _Steepness:
     return _Steepness(slope, limited, lower, upper)
 
 
-def _over_atlas(law: PDSimpleGravity, atlas: Atlas) -> _Steepness:
+def _over_atlas(law: PDSimpleGravity, atlas: Atlas, radii: Array | None) -> _Steepness:
     """What is proved of an atlas's cells."""
     require_about("gains over an atlas", atlas, law.model)
-    return _over_cells(law, cells_of_atlas(law, atlas), atlas.lower, atlas.upper)
+    return _over_cells(law, cells_of_atlas(law, atlas, radii), atlas.lower, atlas.upper, radii)
 
 
-def _over_one_cell(law: PDSimpleGravity) -> _Steepness:
+def _over_one_cell(law: PDSimpleGravity, radii: Array | None) -> _Steepness:
     """What is proved of a cell laid around q_d as `certify_law` lays its first, but for any ‖∂g/∂q‖ on it."""
     require_certifiable(law)
     n, slope = law.model.n, float(np.linalg.norm(law.model.gravity_derivative(law.q_d, law.q_free_d), 2))
     if not slope > _NO_SLOPE:
         raise InvalidInputError("gravity has no slope at q_d, so no domain suggests itself: give one")
     trial = PDSimpleGravity(law.model, law.q_d, np.full(n, _ABOVE * slope), np.ones(n), law.q_free_d)
-    store = cells_around(trial, np.inf, FloodLimits(0, _CELLS))
+    store = cells_around(trial, np.inf, FloodLimits(0, _CELLS), radii)
     cell = store[0]
-    over = _over_cells(trial, store, cell.lower[None], cell.upper[None])
+    over = _over_cells(trial, store, cell.lower[None], cell.upper[None], radii)
     half = ", ".join(f"{value:.3g}" for value in 0.5 * (cell.upper - cell.lower))
     return over._replace(limited=f"over q_d ± ({half}): {over.limited}")
 
 
-def _over_cells(law: PDSimpleGravity, store: CellStore, lower: Array, upper: Array) -> _Steepness:
+def _over_cells(law: PDSimpleGravity, store: CellStore, lower: Array, upper: Array, radii: Array | None) -> _Steepness:
     """What is proved of all cells of a domain of these corners, of shape (K, n) each."""
-    slope, proved, doubt = gravity_slope_over(store), None, [] if store.whole else [_TORN]
+    slope = gravity_slope_over(store) if radii is None else gravity_slope_over(store, _CELLS_OF_A_SET)
+    proved, doubt = None, [] if store.whole else [_TORN]
     try:
-        proved = _proved(law, store, lower, upper, slope.cells)
+        proved = _proved(law, store, (lower, upper), slope.cells, radii)
         slope = slope._replace(bound=float(proved.found["beta"][0]))
     except NotProvedError as error:
         doubt.append(f"that was found, and did not hold when it was to be proved: {error}")
     return _Steepness(slope, _what_limits(slope), lower.min(axis=0), upper.max(axis=0), proved, tuple(doubt))
 
 
-def _proved(law: PDSimpleGravity, store: CellStore, lower: Array, upper: Array, cells: tuple[int, ...]) -> Fact:
+def _proved(
+    law: PDSimpleGravity, store: CellStore, over: tuple[Array, Array], cells: tuple[int, ...], radii: Array | None
+) -> Fact:
     """The fact about a domain's cells, by those that were proved for it."""
-    equations, over = equations_of(law, store.reading), aligned(lower, upper)
-    return proved_of_cells(SlopeBounded, equations, store, cells, *over)
+    equations = equations_of(law, store.reading, radii)
+    return proved_of_cells(SlopeBounded, equations, store, cells, *aligned(*over))
 
 
 def _leverage(law: PDSimpleGravity) -> Array:

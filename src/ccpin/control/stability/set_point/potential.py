@@ -18,6 +18,7 @@ from ccpin.proof.reach_bounds import chain_reach
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, widened
 from ccpin.proof.tips import move
 
+_ROUNDING = 1e-12  # of V at a centre and its level: covers their difference's rounding
 _SHARPENING = 6  # passes, each of which leaves a bound: more cost time, fewer sharpness
 
 
@@ -79,7 +80,25 @@ class _Expansion(NamedTuple):
 
 
 def gravity_bounds(problem: Problem, potential: Potential, boxes: Boxes) -> GravityBounds:
-    """Bounds over proved boxes of q-space (D's independent rows are I)."""
+    """Bounds over proved boxes of q-space (D's independent rows are I).
+
+    They are for V′ + Σ t (V − level) of its spread, |t| ≤ 1: the value, gradient and Hessian are V′'s; what the others
+    add is in the remainder and the variation.
+    """
+    found = _bounds_of_one(problem, potential, boxes)
+    half = widened(boxes.centre[:, problem.system.independent], boxes.half)
+    for part, level in zip(potential.spread, potential.levels, strict=True):
+        own = _bounds_of_one(problem, part, boxes)
+        bent = np.abs(own.hessian)
+        rise = np.abs(own.value - level) + _ROUNDING * (np.abs(own.value) + abs(level)) + own.remainder
+        rise += _dot(np.abs(own.gradient), half) + 0.5 * _dot(half, apply(bent, half))
+        remainder, variation = (found.remainder + rise) * SLACK, (found.variation + bent + own.variation) * SLACK
+        found = found._replace(remainder=remainder, variation=variation)
+    return found
+
+
+def _bounds_of_one(problem: Problem, potential: Potential, boxes: Boxes) -> GravityBounds:
+    """Lemma H for one potential."""
     box = _expand(problem, potential, boxes)
     rows = np.swapaxes(boxes.directions, 1, 2)
     pull, eta = _slopes(box)
@@ -226,6 +245,8 @@ class Potential(NamedTuple):
         lengths: Σ |translations| + |tip| of the chains (m), of shape (C,).
         stiffness, rest: k and θ₀ of the springs, of shape (n′,); they have no third derivatives.
         rounding: |computed − exact| ≤ rounding · `magnitude` for V′ and every entry of its derivatives.
+        spread: Potentials without springs: any multiples t of these, |t| ≤ 1, may be added to V′.
+        levels: What is taken off each of them, J.
     """
 
     stack: ChainStack
@@ -234,6 +255,8 @@ class Potential(NamedTuple):
     stiffness: Array
     rest: Array
     rounding: float
+    spread: tuple[Potential, ...] = ()
+    levels: tuple[float, ...] = ()
 
     def magnitude(self, theta: Array) -> Array:
         """Σ_b |m_b γ| · (an upper bound of the chain's length), slides included, at θ (B, n′), of shape (B,).
@@ -255,15 +278,26 @@ class PotentialValues(NamedTuple):
 
 
 class BodiesAndSprings(NamedTuple):
-    """What V′ is made of: a chain of weights (1, 3) a body, and k and θ₀ of the springs, of shape (n′,)."""
+    """What V′ is made of: a chain of weights (1, 3) a body, and k and θ₀ of the springs, of shape (n′,).
+
+    The spread is chains that a robot of a set may have besides, all of a tuple t times, |t| ≤ 1.
+    """
 
     chains: tuple[Chain, ...]
     stiffness: Array
     rest: Array
+    spread: tuple[tuple[Chain, ...], ...] = ()
 
 
-def potential_of(masses: BodiesAndSprings) -> Potential:
-    """V′ of bodies and springs."""
+def potential_of(masses: BodiesAndSprings, theta: Array | None = None) -> Potential:
+    """V′ of bodies and springs; what is spread is counted from θ, of shape (n′,)."""
+    found, none = _potential(masses), np.zeros(len(masses.stiffness))
+    spread = tuple(_potential(BodiesAndSprings(chains, none, none)) for chains in masses.spread)
+    levels = tuple(float(potential_values(part, theta[None]).value[0]) for part in spread) if theta is not None else ()
+    return found._replace(spread=spread, levels=levels)
+
+
+def _potential(masses: BodiesAndSprings) -> Potential:
     chains, size = masses.chains, len(masses.stiffness)
     depth = max(len(chain.joints) for chain in chains)
     lengths = [np.linalg.norm(c.translations, axis=1).sum() + np.linalg.norm(c.tip) for c in chains]

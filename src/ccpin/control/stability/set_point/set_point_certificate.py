@@ -68,6 +68,9 @@ class SetPointCertificate(Judged):
             ``"refused"``: what a search found was not proved.
         touch: Where, of shape (n,).
         proved: How many cells were proved for it, beyond an atlas's own.
+        radii: How far each constant of a set of robots may be off the model's, of shape (p,); ``None``: it is about the
+            model alone. For a set it is proved of every robot in it whose D is positive definite, and whose dampers and
+            dry friction are not negative.
     """
 
     law: PDSimpleGravity
@@ -83,6 +86,17 @@ class SetPointCertificate(Judged):
     touch: Array
     proved: int
     _region: MemberCells | SampledRegion | None = field(repr=False)
+    radii: Array | None = None
+
+    @property
+    def rest(self) -> float:
+        """How far from q_d robots of the set may come to rest, ‖q − q_d‖₂ (dry friction apart), proved with the level.
+
+        It is 0 where there is the model alone, infinite where nothing is proved.
+        """
+        if self.sublevel is None:
+            return 0.0 if self.radii is None else np.inf
+        return float(self.sublevel.found["rest"][0])
 
     @property
     def verdict(self) -> Verdict:
@@ -105,7 +119,8 @@ class SetPointCertificate(Judged):
         told = f"c is limited by {_LIMITS[self.limit]}{self._unlimited}"
         if self.verdict == "proven":
             more = "" if self.limit in ("domain", "gain") else f"; {self._more}"
-            return f"every motion with 𝒱 < {self.level:.6g} J around q_d {self._end}; {told}{more}"
+            about = "" if self.radii is None else "of each robot of the set, "
+            return f"{about}every motion with 𝒱 < {self.level:.6g} J around q_d {self._end}; {told}{more}"
         if not self.rigorous:
             return f"nothing is proved: on samples c is about {self.level:.6g} J, {told}; over an atlas it is proved"
         return f"{_FAILED[self.limit]}; {self._more}{self._unlimited}"
@@ -134,7 +149,7 @@ class SetPointCertificate(Judged):
             return False
         fact = region.sublevel
         told = (self.level, self.beta) == (fact.found["level"][0], fact.found["beta"][0])
-        return self.rigorous and told and equations_of(self.law, region.reading).digest == fact.digest
+        return self.rigorous and told and equations_of(self.law, region.reading, self.radii).digest == fact.digest
 
     @property
     def assumes(self) -> tuple[str, ...]:
@@ -152,10 +167,12 @@ class SetPointCertificate(Judged):
     @property
     def _end(self) -> str:
         names = rubbing(self.law.model.mechanism)
+        place = "q_d" if self.radii is None else f"a point at most {self.rest:.3g} from q_d"
         if not names:
-            return "converges"
+            return "converges" if self.radii is None else f"converges to {place}"
         return (
-            f"stays there and comes to rest, at q_d or beside it where the dry friction of {', '.join(names)} holds it"
+            f"stays there and comes to rest, at {place} or beside it where the dry friction of {', '.join(names)} "
+            "holds it"
         )
 
     @property
@@ -175,11 +192,23 @@ class SetPointCertificate(Judged):
         return np.atleast_2d(self._region.lower), np.atleast_2d(self._region.upper)
 
     def contains(self, q: ArrayLike, v: ArrayLike | None = None) -> bool:
-        """Whether the state (q, v) (default at rest) is in B₂: q in cells whose part of {U < c} is 𝒬's, and 𝒱 < c."""
+        """Whether the state (q, v) (default at rest) is in B₂: q in cells whose part of {U < c} is 𝒬's, and 𝒱 < c.
+
+        Of a set of robots: whether it is in every one's.
+        """
         point = checked_q(self.law.model.coordinates, q)
         velocity = np.zeros(self.law.model.n) if v is None else vector(v, "v", self.law.model.n)
         near = None if self._region is None else self._region.near(point)
-        return near is not None and self.law.lyapunov(point, velocity, near) < self.level
+        return near is not None and self._highest(point, velocity, near) < self.level
+
+    def _highest(self, q: Array, v: Array, near: Array) -> float:
+        """The largest 𝒱 of a robot of the set: 𝒱 is linear in constants."""
+        law, model = self.law, self.law.model
+        value = law.lyapunov(q, v, near)
+        if self.radii is None:
+            return value
+        rise = model.at(q, near).energy_regressor(v) - model.at(law.q_d, law.q_free_d).energy_regressor(0.0 * v)
+        return value + float(np.abs(rise) @ self.radii)
 
 
 @dataclass(frozen=True, eq=False)

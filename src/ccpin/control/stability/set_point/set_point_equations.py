@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,9 +21,11 @@ from ccpin.control.stability.set_point.potential import (
     potential_values,
 )
 from ccpin.control.stability.set_point.well import SetPoint
+from ccpin.proof.chains import Chain
 from ccpin.proof.digests import digest
 from ccpin.proof.equations import Closures, closure_values, row_of
 from ccpin.proof.facts import known, require, sealed
+from ccpin.proof.rounding import SLACK
 
 _OWN = 1e-8  # of the terms' sizes: what g(q_d) and V(q_d) of the law may be off from V′'s
 
@@ -35,7 +37,7 @@ class SetPointEquations:
 
     Attributes:
         closures: φ, whose facts may be premises.
-        masses: V′ in the same θ.
+        masses: V′ in the same θ, and what robots of a set may have besides.
         theta: θ of the law's configuration at q_d, of shape (n′,).
         law: Its numbers.
     """
@@ -47,10 +49,9 @@ class SetPointEquations:
 
     def __post_init__(self) -> None:
         require(type(self.closures) is Closures, "closures that the kernel does not know")
-        require([not chain.direction for chain in self.masses.chains], "bodies that are no points")
-        bodies = row_of(self.closures, self.masses.chains)
-        springs = (np.array(values, dtype=np.float64) for values in self.masses[1:])
-        own = BodiesAndSprings(bodies.system.chains, *(sealed(values) for values in springs))
+        bodies, *spread = (_bodies(self.closures, chains) for chains in (self.masses.chains, *self.masses.spread))
+        stiffness, rest = (sealed(np.array(values, dtype=np.float64)) for values in self.masses[1:3])
+        own = BodiesAndSprings(bodies, stiffness, rest, tuple(spread))
         object.__setattr__(self, "masses", own)
         object.__setattr__(self, "theta", sealed(np.array(self.theta, dtype=np.float64)))
         object.__setattr__(self, "law", SetPoint(*(sealed(value) for value in self.law)))
@@ -72,13 +73,30 @@ class SetPointEquations:
 
     @cached_property
     def potential(self) -> Potential:
-        """V′."""
-        return potential_of(self.masses)
+        """V′, and its spread from θ on."""
+        return potential_of(self.masses, self.theta)
 
     @property
     def gain(self) -> float:
         """k."""
         return least_eigenvalue(self.law.K_p)
+
+    @property
+    def misjudged(self) -> float:
+        """How far g(q_d) of a robot of the set may be from the law's, ‖·‖₂; 0 where nothing is spread."""
+        pulls = (_gravity(self, part) for part in self.potential.spread)
+        return float(sum(np.linalg.norm(np.abs(pull.force) + pull.margin) for pull in pulls)) * SLACK
+
+
+def _bodies(closures: Closures, chains: tuple[Chain, ...]) -> tuple[Chain, ...]:
+    """Chains of points with weights, in copies.
+
+    Raises:
+        NotProvedError: They are none.
+    """
+    require([not chain.direction for chain in chains], "bodies that are no points")
+    require([np.isfinite(chain.weights).all() for chain in chains], "weights that are none")
+    return row_of(closures, chains).system.chains
 
 
 def _require_springs(own: SetPointEquations) -> None:
@@ -87,7 +105,7 @@ def _require_springs(own: SetPointEquations) -> None:
     Raises:
         NotProvedError: It is not.
     """
-    system, (_, stiffness, rest) = own.closures.system, own.masses
+    system, (_, stiffness, rest, _) = own.closures.system, own.masses
     shapes = {stiffness.shape, rest.shape, own.theta.shape}
     require(shapes == {(system.n_free,)} and np.isfinite([stiffness, rest, own.theta]), "springs that are none")
     require(stiffness >= 0.0, "a spring that pushes")
@@ -108,11 +126,25 @@ def _require_law(own: SetPointEquations) -> None:
     require(np.isfinite(np.concatenate(numbers)), "a law with what is no number")
     for gains in (K_p, K_v):
         require(np.array_equal(gains, gains.T) and least_eigenvalue(gains) > 0.0, "gains that are not positive")
-    theta, (independent, dependent) = own.theta[None], (system.independent, system.dependent)
-    require(own.theta[independent] == q_d, "a configuration at another q")
-    at, jacobian = potential_values(own.potential, theta), closure_values(own.closures.problem, theta)[1]
-    rho = -np.linalg.solve(jacobian[0][:, dependent], jacobian[0][:, independent])
-    pull, direct = at.gradient[0, dependent], at.gradient[0, independent]
-    size = np.abs(direct) + np.abs(pull) @ np.abs(rho) + own.potential.magnitude(theta)[0]
-    require(np.abs(direct + pull @ rho - gravity_d) <= _OWN * size, "g(q_d) of another mechanism")
+    theta = own.theta[None]
+    require(own.theta[system.independent] == q_d, "a configuration at another q")
+    at, pull = potential_values(own.potential, theta), _gravity(own, own.potential)
+    require(np.abs(pull.force - gravity_d) <= pull.margin, "g(q_d) of another mechanism")
     require(abs(at.value[0] - potential_d) <= _OWN * own.potential.magnitude(theta)[0], "V(q_d) of another mechanism")
+
+
+class _Pull(NamedTuple):
+    """g at θ and what it may be off, of shape (n,)."""
+
+    force: Array
+    margin: Array
+
+
+def _gravity(own: SetPointEquations, potential: Potential) -> _Pull:
+    """ρᵀV_θ of a potential at θ."""
+    system, theta = own.closures.system, own.theta[None]
+    jacobian, slope = closure_values(own.closures.problem, theta)[1][0], potential_values(potential, theta).gradient[0]
+    rho = -np.linalg.solve(jacobian[:, system.dependent], jacobian[:, system.independent])
+    pull, direct = slope[system.dependent], slope[system.independent]
+    size = np.abs(direct) + np.abs(pull) @ np.abs(rho) + potential.magnitude(theta)[0]
+    return _Pull(direct + pull @ rho, _OWN * size)

@@ -19,7 +19,7 @@ from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.certified_cells import CellStore, holding
 from ccpin.control.stability.set_point.flood import FloodLimits
 from ccpin.control.stability.set_point.potential import Potential, gravity_bounds, potential_of
-from ccpin.control.stability.set_point.set_point_reading import masses_of, set_point_of
+from ccpin.control.stability.set_point.set_point_reading import masses_of, set_point_of, theta_of
 from ccpin.control.stability.set_point.well import Well, wells
 from ccpin.covering.faces import contacts_of
 from ccpin.covering.proposals.krawczyk import certify_boxes
@@ -38,8 +38,10 @@ _LATTICE = 0.7  # of the best single cell's size: that of a lattice's cells
 _SEAM = 1e-9  # of an edge: rounding between two cells that touch; a full turn is more
 
 
-def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
+def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas, radii: Array | None = None) -> CellStore:
     """An atlas's boxes; neighbours are those that share a face at which σ was shown to agree.
+
+    The model's constants may be off by radii (p,).
 
     Raises:
         InvalidInputError: The atlas is another mechanism's, or q_d is not in it, or on another branch.
@@ -61,7 +63,7 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
     delta = law.q_d - boxes.centre[:, system.independent]
     if not np.all(encloses(atlas.problem, boxes, delta, theta, np.zeros((len(around), system.m)))):
         raise InvalidInputError("the set point's configuration is on another branch (assembly mode) than the atlas")
-    potential = potential_of(masses_of(mechanism, atlas.reading, law.model.gravity_vector))
+    potential = _potential(law, atlas.reading, radii)
     reading = on_the_line(atlas.reading, potential)
     boxes, kept, pairs = atlas.boxes, np.arange(len(atlas.lower)), _glued_pairs(atlas)
     if reading is not atlas.reading:
@@ -70,6 +72,11 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
     store.add_proved(boxes, atlas.lower[kept], atlas.upper[kept], pairs)
     store.whole = len(kept) == len(atlas.lower) and len(pairs) == len(_glued_pairs(atlas))
     return store
+
+
+def _potential(law: PDSimpleGravity, reading: Reading, radii: Array | None) -> Potential:
+    masses = masses_of(law.model.mechanism, reading, law.model.gravity_vector, radii)
+    return potential_of(masses, theta_of(law, reading))
 
 
 def on_the_line(reading: Reading, potential: Potential) -> Reading:
@@ -162,8 +169,8 @@ def _touch_on_the_line(atlas: Atlas, pairs: Indices) -> Mask:
     return np.asarray(np.all(high - low >= -_SEAM * edges, axis=1))
 
 
-def cells_around(law: PDSimpleGravity, gain: float, limits: FloodLimits) -> CellStore:
-    """One cell centred at q_d, beside which others can be laid.
+def cells_around(law: PDSimpleGravity, gain: float, limits: FloodLimits, radii: Array | None = None) -> CellStore:
+    """One cell centred at q_d, beside which others can be laid; the model's constants may be off by radii (p,).
 
     Its edges are in the proportions of the ellipsoid q̃ᵀ(K_p + ∂g/∂q)q̃ ≤ 1, so that the well rises equally to all
     its faces. With one cell allowed it is the one with the highest level; else somewhat smaller than the largest that
@@ -174,7 +181,7 @@ def cells_around(law: PDSimpleGravity, gain: float, limits: FloodLimits) -> Cell
     """
     model = law.model
     seed = seed_at_coordinates(model.mechanism, law.q_d, law.q_free_d)
-    potential = potential_of(masses_of(model.mechanism, seed.reading, model.gravity_vector))
+    potential = _potential(law, seed.reading, radii)
     trials = _Trials(law, seed, potential)
     single = limits.cells <= 1
     best, level, factor = None, -np.inf, _LARGEST

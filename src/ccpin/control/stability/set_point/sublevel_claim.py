@@ -17,6 +17,7 @@ import numpy as np
 from ccpin.control.stability.set_point.set_point_cells import CellPart, SetPointCells, joined_to, without
 from ccpin.control.stability.set_point.well import Well
 from ccpin.proof.facts import Examined, Fact, provable, require
+from ccpin.proof.rounding import SLACK
 
 
 @provable
@@ -25,7 +26,7 @@ class SublevelProved(SetPointCells):
     """Of K cells those joined to q_d's hold a connected component 𝒬 of {U < c}, c > 0, with Theorem 3's hypotheses.
 
     Found: `level` (1,), c in joules; `beta` (1,), β over the cells that meet 𝒬; `within` (K,), in which cells {U < c}
-    is 𝒬.
+    is 𝒬; `rest` (1,), how far from q_d a robot of the set may come to rest, 0 where there is one robot alone.
     """
 
     theorem = "set_point"
@@ -51,9 +52,21 @@ class SublevelProved(SetPointCells):
 
         within = np.zeros(len(cells), dtype=np.bool_)
         within[joined_to(start, over_low_faces)] = True
-        return Examined(
-            np.ones(1, dtype=np.bool_), {"level": np.array([level]), "beta": np.array([beta]), "within": within}
+        found = {"level": np.array([level]), "beta": np.array([beta]), "within": within}
+        found["rest"] = np.array(
+            [self._rest([well[k] for k in meeting], [cells[k] for k in meeting], well[start], level)]
         )
+        return Examined(np.ones(1, dtype=np.bool_), found)
+
+    def _rest(self, well: list[Well], cells: list[CellPart], at_goal: Well, level: float) -> float:
+        """How far from q_d robots of a set come to rest, of cells that meet 𝒬 and the one that holds q_d."""
+        law, misjudged = self.equations.law, self.equations.misjudged
+        if misjudged == 0.0:
+            return 0.0
+        top = at_goal.range_over(law.q_d, law.q_d).upper
+        require(top < level, "U of every robot is not shown to be below its value on the boundary where q_d is")
+        low = [own.beta for own, cell in zip(well, cells, strict=True) if not own.range_over(*cell).lower > top]
+        return float(misjudged / (self.equations.gain - np.max(low))) * SLACK
 
 
 def exposed(cell: CellPart, beside: list[CellPart]) -> Iterator[CellPart]:

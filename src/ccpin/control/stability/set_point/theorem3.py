@@ -18,7 +18,7 @@ from ccpin.control.stability.set_point.cell_facts import proved_of_cells
 from ccpin.control.stability.set_point.flood import Flood, Flooded, FloodLimits
 from ccpin.control.stability.set_point.sampled_region import checked_region, sample_region
 from ccpin.control.stability.set_point.set_point_certificate import MemberCells, SampledRegion, SetPointCertificate
-from ccpin.control.stability.set_point.set_point_reading import equations_of
+from ccpin.control.stability.set_point.set_point_reading import equations_of, radii_of
 from ccpin.control.stability.set_point.starting_cells import cells_around, cells_of_atlas
 from ccpin.control.stability.set_point.sublevel_claim import SublevelProved
 from ccpin.control.stability.set_point.well import Well
@@ -43,6 +43,7 @@ def certify_set_point(
     K_v: ArrayLike,
     domain: Atlas | Corners | None = None,
     *,
+    constants: tuple[ArrayLike, ArrayLike] | None = None,
     near: ArrayLike | None = None,
     max_depth: int | None = None,
     budget: int | None = None,
@@ -56,6 +57,7 @@ def certify_set_point(
         K_p: Proportional gains, as for `PDSimpleGravity`.
         K_v: Velocity gains, alike.
         domain: As for `certify_law`.
+        constants: As for `certify_law`.
         near: Chooses the assembly mode of σ(q_d).
         max_depth: As for `certify_law`.
         budget: As for `certify_law`.
@@ -66,24 +68,30 @@ def certify_set_point(
             and `PDSimpleGravity` do.
     """
     law = PDSimpleGravity(model, q_d, K_p, K_v, near)
-    return certify_law(law, domain, max_depth=max_depth, budget=budget, progress=progress)
+    return certify_law(law, domain, constants=constants, max_depth=max_depth, budget=budget, progress=progress)
 
 
 def certify_law(
     law: PDSimpleGravity,
     domain: Atlas | Corners | None = None,
     *,
+    constants: tuple[ArrayLike, ArrayLike] | None = None,
     max_depth: int | None = None,
     budget: int | None = None,
     progress: Callable[[Flooded], None] | None = None,
 ) -> SetPointCertificate:
     """Theorem 3 for a law: β, the gain condition, and the largest c found with B₂ in the domain.
 
+    With `constants` it is Theorem 3 for a set of robots under this one law, whose g(q_d) is the model's: each comes to
+    rest near q_d, where the certificate's `rest` says.
+
     Args:
         law: PD with simple gravity compensation: the model, q_d, K_p and K_v.
         domain: A certified atlas on whose branch q_d lies; ``None``: cells are proved around q_d as far as needed
             (with more than three coordinates a single box, unless they are allowed more); or a plain region
             (lower, upper), taken to lie in Ω, over which everything is only sampled.
+        constants: Bounds (lower, upper) of all p constants (`ReducedModel.parameters`) of a set of robots, as
+            `Estimate.box` gives them; what is proved is so of all with constants no farther from the model's.
         max_depth: How often a cell may be halved; default by the number of coordinates.
         budget: How many cells may be proved beyond the atlas's own boxes; default by the number of coordinates, and as
             many more as the atlas has.
@@ -93,13 +101,15 @@ def certify_law(
         The certificate; after Ctrl-C what was proved so far, with the limit ``"interrupted"``.
 
     Raises:
-        InvalidInputError: Another law, or q_d is not in the domain or not on its branch.
+        InvalidInputError: Another law, or q_d is not in the domain or not on its branch; bounds of constants that are
+            none, or over a plain region.
         DifferentSubjectsError: The atlas is of other closures than the law's model; its masses may be others.
         UnsupportedMechanismError: Coordinates that are not plain numbers, motors on joints of several freedoms, or
-            closures that cannot be certified (a plain region works for these).
+            closures that cannot be certified (a plain region works for these); springs whose constants are not exact.
         UnreachableError, SingularConfigurationError: σ does not exist on all of a plain region.
     """
     require_certifiable(law)
+    radii = radii_of(law.model, constants)
     if isinstance(domain, Atlas):
         require_about("a certified set point", domain, law.model)
     own = len(domain.boxes.kappa) if isinstance(domain, Atlas) else 0
@@ -113,6 +123,8 @@ def certify_law(
     least = float(np.linalg.eigvalsh(law.K_p + stiffness)[0])
     norm_d = float(np.linalg.norm(stiffness, 2))
     if domain is not None and not isinstance(domain, Atlas):
+        if radii is not None:
+            raise InvalidInputError("of a set of robots nothing is sampled: give an atlas, or no domain")
         return _sampled(law, domain, gain, least, norm_d)
     told = listener(progress)
     with stoppable() as stop:
@@ -121,12 +133,13 @@ def certify_law(
             told(flooded)
             return not stop.is_set()
 
-        store = cells_around(law, gain, limits) if domain is None else cells_of_atlas(law, domain)
+        store = cells_around(law, gain, limits, radii) if domain is None else cells_of_atlas(law, domain, radii)
         found = Flood(store, lambda well: well.beta < gain and well.effort > 0.0, limits, go_on).run(law.q_d)
         level_domain, proved, sublevel, limit = found.level, store.proved, None, found.limit
         if found.level > 0.0:
             try:
-                sublevel = proved_of_cells(SublevelProved, equations_of(law, store.reading), store, found.members)
+                equations = equations_of(law, store.reading, radii)
+                sublevel = proved_of_cells(SublevelProved, equations, store, found.members)
             except NotProvedError:
                 limit = "refused"
         if found.limit in ("gain", "depth"):
@@ -148,6 +161,7 @@ def certify_law(
         touch=found.point,
         proved=proved,
         _region=None if sublevel is None else MemberCells(store.reading, sublevel),
+        radii=radii,
     )
 
 
