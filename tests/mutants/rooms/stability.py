@@ -109,9 +109,9 @@ ROOMS: tuple[Room, ...] = (
             "TrackingEquations.sizes",
             "TrackingEquations.digest",
             "TrackingEquations.motion",
-            "_vector",
+            "finite_vector",
             "_own_feedback",
-            "_own_pieces",
+            "own_pieces",
         ),
         (
             *(
@@ -219,7 +219,7 @@ ROOMS: tuple[Room, ...] = (
             "gain",
             "widths",
             "_inverse_form",
-            "_inverted",
+            "inverted",
             "_constant",
             "storage_of",
             "_blocks",
