@@ -41,9 +41,12 @@ class ControlLaw(abc.ABC):
     Attributes:
         everywhere: Whether u is defined also where the coordinates q are singular, because the law reads t, q and q̇ as
             numbers only. A simulation then goes on there; under any other law it ends.
+        period: T of a law that remembers, s: a simulation asks it once a period, in order (`begin`); ``None``: it is a
+            function of its arguments, and may be asked at any time.
     """
 
     everywhere: bool = False
+    period: float | None = None
 
     @abc.abstractmethod
     def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
@@ -69,6 +72,10 @@ class ControlLaw(abc.ABC):
         Infinite where it never does, ``None`` where the law does not say (`ccpin.simulate` then takes short steps).
         """
         return None
+
+    def begin(self) -> ControlLaw:
+        """What a run asks, made anew as it begins: of a law that remembers, one with nothing to remember yet."""
+        return self
 
     def statement(self) -> Statement | None:
         """The law in constants, ``None`` where it has none. `stated` is what asks for it."""
@@ -225,7 +232,11 @@ class Delayed(ControlLaw):
     """
 
     def __init__(self, law: ControlLaw, start: float) -> None:
-        self.law, self.start, self.everywhere = law, start, law.everywhere
+        self.law, self.start, self.everywhere, self.period = law, start, law.everywhere, law.period
+
+    def begin(self) -> Delayed:
+        """The law as it begins, on the same clock."""
+        return Delayed(self.law.begin(), self.start)
 
     def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """The law's efforts at t − start."""

@@ -28,10 +28,9 @@ class ModelLaw(ControlLaw):
     Args:
         model: The reduced model, or a mechanism.
         q: Where the law begins or ends, of shape (model.nq,): its σ starts there when it gets none nearer.
-        K_p: Proportional gains: (n,) for a diagonal matrix or symmetric positive definite (n, n); one number k for k I,
-            where all coordinates are angles or all are lengths.
-        K_v: Velocity gains, alike.
         near: Chooses the assembly mode of σ(q).
+        gains: Each: (n,) for a diagonal matrix or symmetric positive definite (n, n); one number k for k I, where all
+            coordinates are angles or all are lengths.
 
     Attributes:
         near: The State at that q.
@@ -42,16 +41,15 @@ class ModelLaw(ControlLaw):
         UnreachableError, SingularConfigurationError: σ(q) does not exist on the branch of `near`.
     """
 
-    def __init__(
-        self, model: ReducedModel | Mechanism, q: ArrayLike | State, K_p: ArrayLike, K_v: ArrayLike, near: Near
-    ) -> None:
+    def __init__(self, model: ReducedModel | Mechanism, q: ArrayLike | State, near: Near, **gains: ArrayLike) -> None:
         self.model = model_of(model)
         coordinates, n, motors = self.model.coordinates, self.model.n, self.model.n_actuated
         if motors < n:
             raise UnsupportedMechanismError(
                 f"a law on all {n} independent coordinates needs as many motors; there are {motors}"
             )
-        self.K_p, self.K_v = gain_matrix(K_p, "K_p", coordinates), gain_matrix(K_v, "K_v", coordinates)
+        for name, gain in gains.items():
+            setattr(self, name, gain_matrix(gain, name, coordinates))
         self.near = self.model.at(q, near)
         self._check_reach()
 
@@ -88,12 +86,15 @@ class SetPointLaw(ModelLaw):
     A ball, planar or floating joint that is independent as a whole is refused: there d/dt q̃ is not −q̇, so 𝒱 may rise.
     """
 
+    K_p: Array
+    K_v: Array
+
     def __init__(
         self, model: ReducedModel | Mechanism, q_d: ArrayLike | State, K_p: ArrayLike, K_v: ArrayLike, near: Near = None
     ) -> None:
         model = model_of(model)
         require_commuting(model.coordinates, type(self).__name__)
-        super().__init__(model, q_d, K_p, K_v, near)
+        super().__init__(model, q_d, near, K_p=K_p, K_v=K_v)
         self.q_d, self.q_free_d, self.gravity_d = self.near.q, self.near.q_free, self.near.g
         self._potential_d = self.near.energy(np.zeros(self.model.n)).potential
 

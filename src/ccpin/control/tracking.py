@@ -40,12 +40,15 @@ class TrackingLaw(ModelLaw):
         UnreachableError, SingularConfigurationError: σ(q_d(0)) does not exist on the branch of `near`.
     """
 
+    K_p: Array
+    K_v: Array
+
     def __init__(
         self, model: ReducedModel | Mechanism, reference: Reference, K_p: ArrayLike, K_v: ArrayLike, near: Near = None
     ) -> None:
         model, reference = model_of(model), instance(reference, "reference", Reference)
         require_commuting(model.coordinates, "a tracking law")
-        super().__init__(model, reference.at(0.0).q, K_p, K_v, near)
+        super().__init__(model, reference.at(0.0).q, near, K_p=K_p, K_v=K_v)
         self.reference = reference
 
     def error(self, t: float, q: Array) -> Array:

@@ -1,6 +1,7 @@
 """From a robot's log to its model: motions that show it, what was measured, what can be identified, and constants."""
 
 from ccpin.dynamics.changed_constants import with_constants
+from ccpin.identification.adaptive_tracking import AdaptiveTracking
 from ccpin.identification.consistency import consistent
 from ccpin.identification.estimation import identify
 from ccpin.identification.exciting_motions import excitation
@@ -10,6 +11,7 @@ from ccpin.identification.log import Log
 from ccpin.identification.smoothing import smoothed
 
 __all__ = [
+    "AdaptiveTracking",
     "Log",
     "base_parameters",
     "consistent",

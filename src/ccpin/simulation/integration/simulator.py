@@ -74,7 +74,7 @@ class Simulator:
             (coulomb, viscous) for the independent ones; default what the mechanism's joints state (`joints.friction`),
             ``{}`` for none.
         wrenches: On links, as for `State.forward_dynamics`: constant in world axes, or a function (t, state, v).
-        sampling: Run the law as a digital controller does; default continuously.
+        sampling: Run the law as a digital controller does; default continuously, a law that remembers by its period.
         events: What to look for along the motion.
         limits: How limits of positions, velocities and efforts are treated; default `Limits`': motors give no more
             than their limits, and nothing else.
@@ -120,6 +120,9 @@ class Simulator:
         max_step = None if max_step is None else step_or_infinite(max_step, "max_step")
         if region is not None and not callable(region):
             raise InvalidInputError(f"region must be a function of q, not {type(region).__name__}")
+        self._law = law_of(model, law)
+        if sampling is None and self._law.period is not None:
+            sampling = Sampling(self._law.period)
         if sampling is not None:
             instance(sampling, "sampling", Sampling)
         events = records(events, "events", Event)
@@ -130,8 +133,7 @@ class Simulator:
         self._region, self._looked_for = region, tuple(events)
         self._names = ColumnNames.of(model)
         self._plant = Plant(model, limits, records(contacts, "contacts", Contact), motors)
-        self._law = law_of(model, law)
-        self._plant.check_law(self._law, sampling is not None)
+        self._plant.check_law(self._law, sampling)
         self._pushed = None if callable(wrenches) else wrench_rows(model.mechanism.tree, wrenches)
         self._plain = not (callable(wrenches) or region is not None or events or self._friction.names)
         self._plain = self._plain and self._plant.plain and (sampling is None or not np.any(sampling.encoder_noise))
@@ -189,9 +191,9 @@ class Simulator:
     @law.setter
     def law(self, law: LawLike) -> None:
         self._law = law_of(self.model, law)
-        self._plant.check_law(self._law, self._sampling is not None)
+        self._plant.check_law(self._law, self._sampling)
         if self._run is not None:
-            self._run.commands.law = CheckedLaw(self._law, self.model, self._run.switching.reported)
+            self._run.commands.law = CheckedLaw(self._law.begin(), self.model, self._run.switching.reported)
             self._run.switching.law = self._law
 
     def sample(self) -> StateSample:
@@ -230,7 +232,7 @@ class Simulator:
     def _begin(self, here: Instant, switching: CoordinateSwitching) -> None:
         """Begin in the coordinates that the motion is in."""
         t, state, v = here
-        law = CheckedLaw(self._law, self.model, switching.reported)
+        law = CheckedLaw(self._law.begin(), self.model, switching.reported)
         commands: ContinuousCommands | SampledCommands = ContinuousCommands(law)
         if self._sampling is not None:
             own = switching.reported(state, v)

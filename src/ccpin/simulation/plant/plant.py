@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, records
-from ccpin.control.control_law import ControlLaw, idle
-from ccpin.control.sampling import ContinuousCommands, SampledCommands
+from ccpin.control.control_law import ControlLaw, idle, undelayed
+from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
@@ -71,15 +71,22 @@ class Plant:
         self.effort_bounds = EffortBounds(self._saturation.lower, self._saturation.upper)
         self.plain = not (self.loaded or ends or self.motors.held or self._curve.acts or self._saturation.by_speed)
 
-    def check_law(self, law: ControlLaw, sampled: bool) -> None:
-        """Lag and rate need commands that are held.
+    def check_law(self, law: ControlLaw, sampling: Sampling | None) -> None:
+        """Lag and rate need commands that are held, a law that remembers its own period.
 
         Raises:
-            InvalidInputError: They are not.
+            InvalidInputError: They are not, or it is another.
         """
-        if self.motors.held and not sampled and not idle(law):
+        if self.motors.held and sampling is None and not idle(law):
             raise InvalidInputError(
                 "motors with a lag or a rate need commands that are held: run the law with sampling=, or step(u, dt)"
+            )
+        period = None if sampling is None else sampling.period
+        if law.period is not None and law.period != period:
+            loop = "continuously" if period is None else f"every {period:g} s"
+            raise InvalidInputError(
+                f"{type(undelayed(law)).__name__} remembers from sample to sample, {law.period:g} s apart, and would "
+                f"be asked {loop}: give sampling=Sampling({law.period:g})"
             )
 
     def loads(self, t: float, state: State, v: Array) -> Array | None:
