@@ -67,11 +67,11 @@ class AdaptiveCertificate(Judged):
     @property
     def _beyond(self) -> str:
         """Which motor the law may ask for more than it has; empty where none."""
-        efforts, limits = self.efforts, self.law.model.mechanism.motors.limits
-        for k, motor in enumerate(limits):
-            least = min(-motor.lower, motor.upper)
-            if not efforts[k] <= least:
-                return f"'{motor.name}' may be asked for {efforts[k]:.3g}, of {least:.3g} that it has"
+        mechanism = self.law.model.mechanism
+        least = np.abs(mechanism.motors.limits).min(axis=1)
+        for name, asked, most in zip(mechanism.actuated, self.efforts.tolist(), least.tolist(), strict=True):
+            if not asked <= most:
+                return f"the motor on '{name}' may be asked for {asked:.3g}, of {most:.3g} that it has"
         return ""
 
     def replay(self) -> AdaptiveCertificate:

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, apply, inverses
 from ccpin.control.stability.tracking.motion_bounds import Motion
 from ccpin.control.stability.tracking.storage import floor, inverted
 from ccpin.control.stability.tracking.tube_levels import ROOM
 from ccpin.identification.adaptive_equations import AdaptiveEquations
 from ccpin.identification.adaptive_states import AdaptiveStates
-from ccpin.identification.regressor_bounds import RegressorBounds, Shares
-from ccpin.proof.balls import Affine
+from ccpin.identification.regressor_bounds import OF_A_JOINT, TEN, TIPS, RegressorBounds, Shares
+from ccpin.proof.balls import Affine, affine, inverse
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 
 _CLEAR = 1e-9  # relative: covers the rounding of eigenvalues
+_ADDS = np.isin(np.arange(TEN), (0, 4, 6, 9))  # of a body: its mass, and Ixx, Iyy, Izz
+_ROOM = 1e-8  # so that a bound that was solved for meets, with SLACK, the inequality that is checked
 _NUMBERS = 4e6  # in the largest array of one chunk
 
 
@@ -24,7 +27,8 @@ class CellBounds(NamedTuple):
     """Bounds over K cells, for all constants of the box; NaN where φ_y may be singular.
 
     Attributes:
-        inertia: D, of shape (K, n, n).
+        inertia, least, most: D of any constants of the box, and what is below and above all of them, of shape
+            (K, n, n).
         doubt: |Y_r(π̂ − π)|, of shape (K, n).
         doubt_rate: Of its rate at constant π̂.
         force: |Y_r π̂|.
@@ -34,6 +38,8 @@ class CellBounds(NamedTuple):
     """
 
     inertia: Affine
+    least: Affine
+    most: Affine
     doubt: Array
     doubt_rate: Array
     force: Array
@@ -50,10 +56,11 @@ def bounds_of(own: AdaptiveEquations, states: AdaptiveStates, room: Array) -> Ce
     parts = [
         _part(own, states.chunk(slice(k, k + step)), room[k : k + step]) for k in range(0, len(states.theta.mid), step)
     ]
-    return CellBounds(_joined([part.inertia for part in parts]), *map(np.concatenate, zip(*(p[1:] for p in parts))))
+    forms, arrays = zip(*((part[:3], part[3:]) for part in parts), strict=True)
+    return CellBounds(*map(_joined, zip(*forms, strict=True)), *map(np.concatenate, zip(*arrays, strict=True)))
 
 
-def _joined(forms: list[Affine]) -> Affine:
+def _joined(forms: Sequence[Affine]) -> Affine:
     """Cells one behind the other."""
     mid, rad = (np.concatenate(x) for x in zip(*((f.mid, f.rad) for f in forms), strict=True))
     return Affine(mid, np.concatenate([f.lin for f in forms], axis=1), rad, forms[0].boxed)
@@ -62,17 +69,13 @@ def _joined(forms: list[Affine]) -> Affine:
 def _part(own: AdaptiveEquations, states: AdaptiveStates, room: Array) -> CellBounds:
     adapted, n = own.adapted, states.error.mid.shape[1]
     centre = 0.5 * (own.lower + own.upper)
-    half = np.maximum(own.upper - centre, centre - own.lower)[adapted] * (1.0 + 4.0 * UNIT_ROUNDOFF)
+    half = _half(own, centre)[adapted]
     apart = (own.upper - own.lower)[adapted] * (1.0 + 4.0 * UNIT_ROUNDOFF)
     shares = Shares.of(np.hstack([centre[:, None], np.eye(len(centre))[:, adapted]]), own.closures.system.n_free)
     at = RegressorBounds(own.closures.system, own.masses, own.bodies, own.gravity, states.theta, states.asked.v)
     columns, rates = at.columns(states.asked, shares).magnitude, at.rates(states.asked, states.rate, shares).magnitude
     still = Motion(states.asked.v, states.error, states.error * 0.0)
     coupled = at.columns(still, shares, still=False).magnitude
-    inertia = at.inertia(shares)
-    spread = np.einsum("q,kqij->kij", half, inertia[:, 1:].magnitude) * SLACK
-    D = Affine(inertia.mid[:, 0], inertia.lin[:, :, 0], (inertia.rad[:, 0] + spread) * SLACK, inertia.boxed)
-
     def whole(x: Array) -> Array:
         return np.asarray((x[:, 0] + np.einsum("q,kqi->ki", half, x[:, 1:])) * SLACK)
 
@@ -81,8 +84,30 @@ def _part(own: AdaptiveEquations, states: AdaptiveStates, room: Array) -> CellBo
 
     along = np.einsum("kqi,ki->kq", columns[:, 1:], room[:, n:]) ** 2 @ own.gains.adaptation[adapted]
     return CellBounds(
-        D, doubted(columns), doubted(rates), whole(columns), whole(rates), whole(coupled), along * SLACK
+        *_inertias(own, at, centre), doubted(columns), doubted(rates), whole(columns), whole(rates), whole(coupled), along * SLACK
     )
+
+
+def _inertias(own: AdaptiveEquations, at: RegressorBounds, centre: Array) -> tuple[Affine, Affine, Affine]:
+    """D, what is below it and what is above it: masses, moments of inertia and rotors only add to D."""
+    n_free, count = own.closures.system.n_free, len(own.frames) // TIPS
+    adds = np.concatenate([np.tile(_ADDS, count), np.arange(OF_A_JOINT * n_free) < n_free])
+    others, all_of_them = own.adapted[~adds[own.adapted]], own.adapted
+    ends = np.stack([centre, np.where(adds, own.lower, centre), np.where(adds, own.upper, centre)], axis=1)
+    columns = np.hstack([ends, np.eye(len(centre))[:, all_of_them]])
+    inertia, half = at.inertia(Shares.of(columns, n_free)), _half(own, centre)
+    single = inertia[:, 3:].magnitude
+
+    def about(k: int, which: Array) -> Affine:
+        spread = np.einsum("q,kqij->kij", half[which], single[:, np.searchsorted(all_of_them, which)]) * SLACK
+        return Affine(inertia.mid[:, k], inertia.lin[:, :, k], (inertia.rad[:, k] + spread) * SLACK, inertia.boxed)
+
+    return about(0, all_of_them), about(1, others), about(2, others)
+
+
+def _half(own: AdaptiveEquations, centre: Array) -> Array:
+    """How far constants are from the box's centre at most, of shape (p,)."""
+    return np.asarray(np.maximum(own.upper - centre, centre - own.lower) * (1.0 + 4.0 * UNIT_ROUNDOFF))
 
 
 class AdaptiveLevels(NamedTuple):
@@ -132,13 +157,15 @@ def levels_of(
     gains, n = own.gains, rates.shape[1]
     T, K, S = gains.period, gains.damping, room[:, n:]
     with np.errstate(all="ignore"):
-        X = inverted(floor(bounds.inertia))
+        X = inverted(floor(bounds.least))
         size = np.sqrt(np.diagonal(X, axis1=1, axis2=2))
-        decay = decay_of(bounds.inertia, K)
-        late = T * _lately(bounds.force_rate + K * rates)  # δ
+        decay = decay_of(bounds.most, K)
+        grip = grip_of(bounds.inertia, X)
+        held = T * _lately(bounds.force_rate)
+        drawn = bounds.doubt + held + bounds.coupling
+        late = (held + apply(delayed(T * _lately(grip), K), _lately(drawn))) * SLACK
         driven = bounds.doubt + late
         drive = np.sqrt(0.5 * _squared(X, driven)) * SLACK
-        pushed = np.sqrt(_squared(X, driven + K * S + bounds.coupling))
         swing = _lately(S)
         moved = (swing * late).sum(axis=1) + T * (_lately(rates) * _lately(bounds.doubt)).sum(axis=1)
         moved += T * (swing * _lately(bounds.doubt_rate)).sum(axis=1) + T * _lately(bounds.adapted)
@@ -155,7 +182,7 @@ def levels_of(
         errors, later = carried(start[:n], level * widths / gains.slope * SLACK, gains.slope + 0.0 * widths, durations)
         entries = np.vstack([start, np.hstack([later[:-1], after[:-1] * widths[:-1] * SLACK])])
         return AdaptiveLevels(
-            level[:, 0], widths, errors, entries, size * pushed[:, None] * SLACK, (bounds.force + K * S) * SLACK, power, first,
+            level[:, 0], widths, errors, entries, apply(grip, drawn + K * swing) * SLACK, (bounds.force + K * S) * SLACK, power, first,
             min(rest[-1], most) * widths[-1] / gains.slope * SLACK,
         )  # fmt: skip
 
@@ -163,6 +190,25 @@ def levels_of(
 def _squared(X: Array, bound: Array) -> Array:
     """xᵀXx of each cell at most, |x| ≤ `bound` (K, n)."""
     return np.asarray(np.einsum("ki,kij,kj->k", bound, np.abs(X), bound) * SLACK)
+
+
+def grip_of(inertia: Affine, X: Array) -> Array:
+    """Bounds of the entries of D⁻¹ (K, n, n): by an enclosure of it, or by X ⪰ D⁻¹, whichever is less."""
+    size = np.sqrt(np.diagonal(X, axis1=1, axis2=2))
+    enclosed = inverse(inertia).solve(affine(np.broadcast_to(np.eye(size.shape[1]), X.shape))).magnitude
+    return np.asarray(np.fmin(enclosed, size[:, :, None] * size[:, None, :] * SLACK))
+
+
+def delayed(moved: Array, damping: Array) -> Array:
+    """K(I − AK)⁻¹A at most, A = `moved` (K, n, n) ≥ 0; infinite where ρ(AK) < 1 is not proved."""
+    loop = moved * damping
+    identity, found = np.eye(len(damping)), np.full(loop.shape, np.inf)
+    usable = np.isfinite(loop).all(axis=(1, 2))
+    solved = inverses(np.where(usable[:, None, None], identity - loop, identity))
+    above = np.abs(solved @ (identity + _ROOM))  # any W ≥ 0 with W − AK W ≥ I is above the inverse, and proves it
+    held = usable & np.all(above - (loop @ above) * SLACK >= identity, axis=(1, 2))
+    found[held] = (damping[:, None] * (above @ moved))[held] * SLACK
+    return found
 
 
 def _lately(values: Array) -> Array:
