@@ -8,6 +8,7 @@ and may be shared by any number of runs; each run asks what `begin` makes for it
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,12 +18,18 @@ from ccpin.arrays import Array, frozen, instance, numbers, positive, vector
 from ccpin.control.control_law import ControlLaw, Measurement
 from ccpin.control.laws import ModelLaw
 from ccpin.control.references import Reference, require_commuting
+from ccpin.control.sampling import Sampling
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.errors import InvalidInputError
-from ccpin.identification.constant_box import constant_box
+from ccpin.identification.adaptive_step_program import adaptive_program
+from ccpin.identification.estimate_history import EstimateHistory, asked_again
+from ccpin.identification.physical_bounds import constant_box
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.programs.program import Program
+from ccpin.programs.recordings import Given
+from ccpin.simulation.results.trajectory import Trajectory
 
 
 class AdaptiveStep(NamedTuple):
@@ -56,16 +63,18 @@ class AdaptiveTracking(ModelLaw):
         gain: The diagonal of Γ, of shape (k,), in squared units of each constant per joule; or one number γ, 1/J, for
             γ (upper − lower)², with which ½ π̃ᵀΓ⁻¹π̃ ≤ k/2γ in the box.
         period: T, s: a simulation samples the law so.
-        adapted: Names of constants of `model.parameters`, or of kinds of them (``inertia``: the ten of a body).
-        bounds: Of these, a pair (lower, upper) of shape (k,) each, in the order of `model.parameters`; or a share of
-            what is stated: then constants stated as 0 are left out.
+        adapted: Names of constants of `model.parameters`, of kinds of them (``inertia``: the ten of each body), or
+            ``body:LINK`` (``body``: of all), the factor of all ten that are stated: its mass, in kg over kg.
+        bounds: Of these, a pair (lower, upper) of shape (k,) each, factors of bodies first, then in the order of
+            `model.parameters`; or a share of what is stated: then constants stated as 0 are left out.
         initial: π̂ at the start of a run, of shape (k,); default what is stated, or the nearest in the box.
         near: Chooses the assembly mode of σ(q_d(0)).
 
     Attributes:
         model, reference, slope (n, n), K (n, n), period: As given.
-        adapted: Names of the adapted constants. places: where they stand in `model.parameters`.
+        adapted: Names of the adapted constants. units: of each.
         lower, upper: Their bounds, of shape (k,). gain: the diagonal of Γ, alike. initial: as given.
+        basis, known: Which constants of the model are meant, π = known + B π̂, of shapes (p, k) and (p,).
 
     Raises:
         InvalidInputError: Gains, bounds or constants that are none, or a box with a corner that no body can have: its
@@ -98,18 +107,14 @@ class AdaptiveTracking(ModelLaw):
         super().__init__(model, reference.at(0.0).q, near, slope=rates, K=K)
         self.reference, self.period = reference, positive(period, "period")
         box = constant_box(model.parameters, adapted, bounds)
-        self.adapted, self.places, self.lower, self.upper = box
+        self.adapted, self.units, self.basis, stated, self.lower, self.upper, self.known = box
         count = len(box.names)
         gains = numbers(gain, "gain")
         self.gain = frozen(vector(gains if gains.ndim else gains * (box.upper - box.lower) ** 2, "gain", count))
         if not (self.gain > 0.0).all():
             raise InvalidInputError("gain must be positive: the diagonal of Γ, or one number for all")
-        stated = model.parameters
-        start = np.clip(stated.values[box.places], box.lower, box.upper) if initial is None else initial
-        self.initial = frozen(self._in_box(start, "initial"))
-        known = np.array(stated.values)
-        known[box.places] = known[stated.of("friction")] = 0.0
-        self._known = frozen(known)
+        start = np.clip(stated, box.lower, box.upper) if initial is None else initial
+        self.initial = frozen(self.within(start, "initial"))
 
     def error(self, t: float, q: Array) -> Array:
         """e = q − q_d(t), of shape (n,)."""
@@ -124,8 +129,8 @@ class AdaptiveTracking(ModelLaw):
         own, wanted = self.own(state), self.reference.at(t)
         e, s = self.error(t, own.q), self.sliding(t, own.q, v)
         Y = own.regressor(v, wanted.a - self.slope @ (v - wanted.v), wanted.v - self.slope @ e)
-        current, learnt = vector(estimate, "estimate", len(self.places)), Y[:, self.places]
-        force = Y @ self._known + learnt @ current - self.K @ s
+        current, learnt = vector(estimate, "estimate", len(self.adapted)), Y @ self.basis
+        force = Y @ self.known + learnt @ current - self.K @ s
         following = np.clip(current - self.period * self.gain * (learnt.T @ s), self.lower, self.upper)
         return AdaptiveStep(own.efforts(force), following)
 
@@ -141,36 +146,78 @@ class AdaptiveTracking(ModelLaw):
         """The law at the start of a run, with the first estimate."""
         return Adapting(self)
 
+    def constants(self, estimate: ArrayLike) -> DynamicParameters:
+        """All constants of the mechanism with those of an estimate, of shape (k,): `with_constants` takes them.
+
+        Raises:
+            InvalidInputError: It is not in the box.
+        """
+        stated = self.model.parameters
+        rubbing = np.array([kind == "friction" for kind in stated.kinds])
+        found = self.known + self.basis @ self.within(estimate, "estimate")
+        return replace(stated, values=np.where(rubbing, stated.values, found))
+
     def lyapunov(
-        self, t: float, q: Array | State, v: Array, estimate: ArrayLike, true: DynamicParameters, near: Near = None
+        self, t: float, q: Array | State, v: Array, estimate: ArrayLike, true: ArrayLike, near: Near = None
     ) -> float:
-        """V = ½ sᵀD(π) s + ½ π̃ᵀΓ⁻¹π̃, in joules, π̃ = π̂ − π.
+        """V = ½ sᵀD s + ½ π̃ᵀΓ⁻¹π̃, in joules, π̃ = π̂ − π and D of π.
 
         Args:
             t: The time, s.
             q: Where, of shape (model.nq,), or a State.
             v: q̇, of shape (n,).
             estimate: π̂, of shape (k,).
-            true: π, of which V is to know all.
+            true: π, alike.
             near: Chooses the assembly mode of σ(q).
-
-        Raises:
-            InvalidInputError: The constants are of another mechanism.
         """
-        if instance(true, "true", DynamicParameters).names != self.model.parameters.names:
-            raise InvalidInputError("the constants are those of another mechanism")
-        own = self.model.at(q, self.near if near is None else near)
+        pi, own = self.within(true, "true"), self.model.at(q, self.near if near is None else near)
         s, rest = self.sliding(t, own.q, v), np.zeros(self.model.n)
-        kinetic = 0.5 * s @ (own.regressor(rest, s) - own.regressor(rest, rest)) @ true.values
-        off = vector(estimate, "estimate", len(self.places)) - true.values[self.places]
+        kinetic = 0.5 * s @ (own.regressor(rest, s) - own.regressor(rest, rest)) @ (self.known + self.basis @ pi)
+        off = vector(estimate, "estimate", len(self.adapted)) - pi
         return float(kinetic + 0.5 * off @ (off / self.gain))
 
-    def _in_box(self, estimate: ArrayLike, name: str) -> Array:
-        found = vector(estimate, name, len(self.places))
-        if outside := [k for k, x in enumerate(found) if not self.lower[k] <= x <= self.upper[k]]:
-            k = outside[0]
-            bounds = f"{self.lower[k]:g} to {self.upper[k]:g}"
-            raise InvalidInputError(f"{name} = {found[k]:g} of {self.adapted[k]} is outside its bounds, {bounds}")
+    def estimates(
+        self, motion: Trajectory, *, sampling: Sampling | None = None, true: ArrayLike | None = None
+    ) -> EstimateHistory:
+        """What was learnt along a motion that `ccpin.simulate` gave: the law is asked again at each of its samples.
+
+        Args:
+            motion: From the start of a run, with a sample at each of the law's (`sample_period` T, or T over a number).
+            sampling: As the run had it, default T alone.
+            true: π, of shape (k,), for V.
+
+        Raises:
+            InvalidInputError: Samples are missing, or the efforts that come out are not the motion's.
+            DifferentSubjectsError: The motion is of another mechanism.
+        """
+        return asked_again(self, motion, sampling, true)
+
+    def program(self, *, given: Given = "closed", steps: int = 2, near: State | None = None) -> Program:
+        """One sample as a program (`ccpin.programs`): q, y, v, q_d, v_d, a_d and p = π̂_k to `torque` and `estimate`.
+
+        The estimate is π̂_{k+1}, which is in the box but for rounding.
+
+        Args:
+            given: As for `ccpin.programs.record`.
+            steps: Alike.
+            near: The State that it is recorded about, default where the law begins.
+
+        Raises:
+            InvalidInputError: A bad argument.
+        """
+        about = self.model.at(self.near if near is None else near)
+        return adaptive_program(self, about, given, steps)
+
+    def within(self, values: ArrayLike, name: str) -> Array:
+        """Values of the adapted constants that are in the box, of shape (k,).
+
+        Raises:
+            InvalidInputError: They are not.
+        """
+        found = vector(values, name, len(self.adapted))
+        for known, x, low, high in zip(self.adapted, found, self.lower, self.upper, strict=True):
+            if not low <= x <= high:
+                raise InvalidInputError(f"{name} = {x:g} of {known} is outside its bounds, {low:g} to {high:g}")
         return found
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,20 @@ from ccpin.validated.arithmetic.programs import in_balls
 from ccpin.validated.model.closed_loop import recorded_loop
 
 
+class BodyMotions(NamedTuple):
+    """What bodies and springs do.
+
+    Attributes:
+        twists: Of the bodies for each unit q̇ (linear, angular), about their origins in their axes, of shape (B, n, 6).
+        gravity: In these axes, of shape (B, 3).
+        stretches: Of the joints' springs from zero; ``None`` of a joint that can have none.
+    """
+
+    twists: Table
+    gravity: Table
+    stretches: tuple[Table | None, ...]
+
+
 def recorded_motions(model: ReducedModel) -> tuple[IdentificationEquations, Numbering]:
     """What claims about a model are about, at the current precision, and its numbers x."""
     tree, near = model.mechanism.tree, model.mechanism.q_reference
@@ -35,15 +49,9 @@ def recorded_motions(model: ReducedModel) -> tuple[IdentificationEquations, Numb
     tape = Tape(loop.n_x + loop.n)
     x, v = np.split(np.array(tape.inputs, dtype=object), [loop.n_x])
     recorded = recorded_model(tape, model, own, (x, v), near)
-    twists, gravity = _twists(tape, model, own.joints, x, recorded.motion.rho)
-    stretches: list[Any] = []
-    for joint in own.joints:
-        if joint.kind.nq == 1:
-            stretches.append(x[joint.x.start])
-        elif joint.kind.springs:
-            vector, cosine = ball_at(joint, np.array([0.0, 0.0, 0.0, 1.0]), own.near).relative(tape, x)
-            stretches += list(vector * tape.gain(tape.node(cosine)))
-    outputs = [*twists, *gravity, *recorded.motion.rho.ravel(), *stretches]
+    seen = body_motions(tape, model, own, x, recorded.motion.rho)
+    stretches = [entry for stretch in seen.stretches if stretch is not None for entry in stretch]
+    outputs = [*seen.twists.ravel(), *seen.gravity.ravel(), *recorded.motion.rho.ravel(), *stretches]
     bodies = tuple(
         JoinedBody(held.parent, _numbers(held.axes), joint.kind.slides, _numbers(held.placement), joint_kinds(joint))
         for held, joint in zip(own.joints, tree.joints, strict=True)
@@ -57,14 +65,13 @@ def recorded_motions(model: ReducedModel) -> tuple[IdentificationEquations, Numb
     return IdentificationEquations(loop, in_balls(tape, outputs), bodies, ends, pull), own
 
 
-def _twists(
-    tape: Tape, model: ReducedModel, joints: tuple[ExactJoint, ...], x: Table, rho: Table
-) -> tuple[list[Any], list[Any]]:
-    """Twists of all bodies for each unit q̇, about their origins in their axes, and gravity in these."""
+def body_motions(tape: Tape, model: ReducedModel, own: Numbering, x: Table, rho: Table) -> BodyMotions:
+    """What bodies and springs do, by the numbers x and ρ."""
     n, nothing = rho.shape[1], np.zeros(3, dtype=object)
     moving = {0: [(nothing, nothing)] * n}
     pull = {0: Constants(model).gravity()}
-    for joint in joints:
+    stretches = list[Table | None]()
+    for joint in own.joints:
         placed, moved, axes = joint.placement, relative_motion(tape, joint, x[joint.x]), unit_axes(tape, joint)
         turn, arm = placed[:3, :3] @ moved[:3, :3], placed[:3, 3] + placed[:3, :3] @ moved[:3, 3]
         slides = np.array(joint.kind.slides)
@@ -74,9 +81,21 @@ def _twists(
             rates = rho[joint.v, i]
             drawn = (speed + cross(omega, arm)) @ turn + rates[slides] @ axes[slides]
             moving[joint.number].append((drawn, omega @ turn + rates[~slides] @ axes[~slides]))
-    order = [joint.number for joint in joints]
-    twists = [entry for k in order for pair in moving[k] for part in pair for entry in part]
-    return twists, [entry for k in order for entry in pull[k]]
+        stretches.append(_stretch(tape, own, joint, x))
+    order = [joint.number for joint in own.joints]
+    twists = np.array([[[*speed, *omega] for speed, omega in moving[k]] for k in order], dtype=object)
+    gravity = np.array([list(pull[k]) for k in order], dtype=object)
+    return BodyMotions(twists.reshape(-1, n, 6), gravity.reshape(-1, 3), tuple(stretches))
+
+
+def _stretch(tape: Tape, own: Numbering, joint: ExactJoint, x: Table) -> Table | None:
+    """A spring's displacement from zero; ``None`` of a joint that can have none."""
+    if joint.kind.nq == 1:
+        return x[joint.x]
+    if not joint.kind.springs:
+        return None
+    vector, cosine = ball_at(joint, np.array([0.0, 0.0, 0.0, 1.0]), own.near).relative(tape, x)
+    return np.asarray(vector * tape.gain(tape.node(cosine)))
 
 
 def _frame(placement: Array) -> Numbers:

@@ -102,7 +102,7 @@ def record(
     outputs = _outputs(scene, asked, tuple(derivatives))
     name, shown = f"{model.mechanism.name}: {', '.join(asked)}", _output_ports(scene, outputs)
     newton = whole(steps, "steps") if given == "near" else 0
-    return program_of(scene, state, name, outputs, shown, newton, symbols, _notes(scene, asked))
+    return program_of(scene, state, name, outputs, shown, newton, symbols, law_notes(scene, asked))
 
 
 def program_of(
@@ -308,7 +308,7 @@ def _output_ports(scene: TapedModel, outputs: dict[str, Table]) -> tuple[Port, .
     return tuple(found)
 
 
-def _notes(scene: TapedModel, asked: tuple[str, ...]) -> tuple[str, ...]:
+def law_notes(scene: TapedModel, asked: tuple[str, ...]) -> tuple[str, ...]:
     """What a law's efforts are, and how its reference is counted."""
     mechanism = scene.model.mechanism
     names = _spread([(motor, "") for motor in mechanism.actuated], scene.model.n_actuated)
