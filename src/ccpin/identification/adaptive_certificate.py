@@ -164,12 +164,10 @@ def equations_of(law: AdaptiveTracking, reading: Reading, reference: ReferencePi
     model, theta = law.model, reading.theta(law.near.q_free)
     theta[reading.system.independent] = law.near.q
     places = constants_of(model.parameters)
-    lower, upper, gain = (np.array(model.parameters.values) for _ in range(3))
-    lower[law.places], upper[law.places], gain[law.places] = law.lower, law.upper, law.gain
-    gains = AdaptiveGains(np.diag(law.slope), np.diag(law.K), gain[places], law.period)
-    frames = frames_on(model.mechanism, reading)
-    box = model.gravity_vector, lower[places], upper[places]
-    return AdaptiveEquations(closures_of(reading.problem), frames, *box, gains, reference, theta)
+    gains = AdaptiveGains(np.diag(law.slope), np.diag(law.K), law.gain, law.period)
+    constants = law.known[places], law.basis[places], law.lower, law.upper
+    held = frames_on(model.mechanism, reading), model.gravity_vector, *constants
+    return AdaptiveEquations(closures_of(reading.problem), *held, gains, reference, theta)
 
 
 def _motors_of(law: AdaptiveTracking) -> Array:
@@ -196,8 +194,8 @@ def _check(law: AdaptiveTracking) -> None:
         )
     if law.model.actuation is not None:
         raise UnsupportedMechanismError(
-            f"{mechanism.name}: the motors sit elsewhere than on the independent joints, so efforts that are held are no "
-            "constant force on q; load it with independent= set to the motors"
+            f"{mechanism.name}: the motors sit elsewhere than on the independent joints, so efforts that are held are "
+            "no constant force on q; load it with independent= set to the motors"
         )
     if not (coordinates.scalar and coordinates.constant):
         raise UnsupportedMechanismError(

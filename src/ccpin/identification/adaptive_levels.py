@@ -2,112 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array, apply, inverses
-from ccpin.control.stability.tracking.motion_bounds import Motion
 from ccpin.control.stability.tracking.storage import floor, inverted
 from ccpin.control.stability.tracking.tube_levels import ROOM
+from ccpin.identification.adaptive_bounds import CellBounds
 from ccpin.identification.adaptive_equations import AdaptiveEquations
-from ccpin.identification.adaptive_states import AdaptiveStates
-from ccpin.identification.regressor_bounds import OF_A_JOINT, TEN, TIPS, RegressorBounds, Shares
 from ccpin.proof.balls import Affine, affine, inverse
-from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
+from ccpin.proof.rounding import SLACK
 
 _CLEAR = 1e-9  # relative: covers the rounding of eigenvalues
-_ADDS = np.isin(np.arange(TEN), (0, 4, 6, 9))  # of a body: its mass, and Ixx, Iyy, Izz
 _ROOM = 1e-8  # so that a bound that was solved for meets, with SLACK, the inequality that is checked
-_NUMBERS = 4e6  # in the largest array of one chunk
-
-
-class CellBounds(NamedTuple):
-    """Bounds over K cells, for all constants of the box; NaN where φ_y may be singular.
-
-    Attributes:
-        inertia, least, most: D of any constants of the box, and what is below and above all of them, of shape
-            (K, n, n).
-        doubt: |Y_r(π̂ − π)|, of shape (K, n).
-        doubt_rate: Of its rate at constant π̂.
-        force: |Y_r π̂|.
-        force_rate: Of its rate at constant π̂.
-        coupling: |(C + damping) s|.
-        adapted: sᵀY_r Γ Y_rᵀs, of shape (K,).
-    """
-
-    inertia: Affine
-    least: Affine
-    most: Affine
-    doubt: Array
-    doubt_rate: Array
-    force: Array
-    force_rate: Array
-    coupling: Array
-    adapted: Array
-
-
-def bounds_of(own: AdaptiveEquations, states: AdaptiveStates, room: Array) -> CellBounds:
-    """Those of states with |s| within the second half of `room` (K, 2n), chunk by chunk."""
-    joints = max(each.stack.joints.size * each.stack.joints.shape[1] for each in own.bodies)
-    numbers = 18 * (1 + len(states.theta.lin)) * max(joints, 8 * len(own.adapted))
-    step = max(1, int(_NUMBERS // numbers))
-    parts = [
-        _part(own, states.chunk(slice(k, k + step)), room[k : k + step]) for k in range(0, len(states.theta.mid), step)
-    ]
-    forms, arrays = zip(*((part[:3], part[3:]) for part in parts), strict=True)
-    return CellBounds(*map(_joined, zip(*forms, strict=True)), *map(np.concatenate, zip(*arrays, strict=True)))
-
-
-def _joined(forms: Sequence[Affine]) -> Affine:
-    """Cells one behind the other."""
-    mid, rad = (np.concatenate(x) for x in zip(*((f.mid, f.rad) for f in forms), strict=True))
-    return Affine(mid, np.concatenate([f.lin for f in forms], axis=1), rad, forms[0].boxed)
-
-
-def _part(own: AdaptiveEquations, states: AdaptiveStates, room: Array) -> CellBounds:
-    adapted, n = own.adapted, states.error.mid.shape[1]
-    centre = 0.5 * (own.lower + own.upper)
-    half = _half(own, centre)[adapted]
-    apart = (own.upper - own.lower)[adapted] * (1.0 + 4.0 * UNIT_ROUNDOFF)
-    shares = Shares.of(np.hstack([centre[:, None], np.eye(len(centre))[:, adapted]]), own.closures.system.n_free)
-    at = RegressorBounds(own.closures.system, own.masses, own.bodies, own.gravity, states.theta, states.asked.v)
-    columns, rates = at.columns(states.asked, shares).magnitude, at.rates(states.asked, states.rate, shares).magnitude
-    still = Motion(states.asked.v, states.error, states.error * 0.0)
-    coupled = at.columns(still, shares, still=False).magnitude
-    def whole(x: Array) -> Array:
-        return np.asarray((x[:, 0] + np.einsum("q,kqi->ki", half, x[:, 1:])) * SLACK)
-
-    def doubted(x: Array) -> Array:
-        return np.asarray(np.einsum("q,kqi->ki", apart, x[:, 1:]) * SLACK)
-
-    along = np.einsum("kqi,ki->kq", columns[:, 1:], room[:, n:]) ** 2 @ own.gains.adaptation[adapted]
-    return CellBounds(
-        *_inertias(own, at, centre), doubted(columns), doubted(rates), whole(columns), whole(rates), whole(coupled), along * SLACK
-    )
-
-
-def _inertias(own: AdaptiveEquations, at: RegressorBounds, centre: Array) -> tuple[Affine, Affine, Affine]:
-    """D, what is below it and what is above it: masses, moments of inertia and rotors only add to D."""
-    n_free, count = own.closures.system.n_free, len(own.frames) // TIPS
-    adds = np.concatenate([np.tile(_ADDS, count), np.arange(OF_A_JOINT * n_free) < n_free])
-    others, all_of_them = own.adapted[~adds[own.adapted]], own.adapted
-    ends = np.stack([centre, np.where(adds, own.lower, centre), np.where(adds, own.upper, centre)], axis=1)
-    columns = np.hstack([ends, np.eye(len(centre))[:, all_of_them]])
-    inertia, half = at.inertia(Shares.of(columns, n_free)), _half(own, centre)
-    single = inertia[:, 3:].magnitude
-
-    def about(k: int, which: Array) -> Affine:
-        spread = np.einsum("q,kqij->kij", half[which], single[:, np.searchsorted(all_of_them, which)]) * SLACK
-        return Affine(inertia.mid[:, k], inertia.lin[:, :, k], (inertia.rad[:, k] + spread) * SLACK, inertia.boxed)
-
-    return about(0, all_of_them), about(1, others), about(2, others)
-
-
-def _half(own: AdaptiveEquations, centre: Array) -> Array:
-    """How far constants are from the box's centre at most, of shape (p,)."""
-    return np.asarray(np.maximum(own.upper - centre, centre - own.lower) * (1.0 + 4.0 * UNIT_ROUNDOFF))
 
 
 class AdaptiveLevels(NamedTuple):
@@ -170,8 +78,7 @@ def levels_of(
         moved = (swing * late).sum(axis=1) + T * (_lately(rates) * _lately(bounds.doubt)).sum(axis=1)
         moved += T * (swing * _lately(bounds.doubt_rate)).sum(axis=1) + T * _lately(bounds.adapted)
         power = 0.5 * moved.max(keepdims=True) * SLACK
-        adapted, span = own.adapted, own.upper - own.lower
-        unknown = 0.5 * (span[adapted] ** 2 / gains.adaptation[adapted]).sum() * SLACK
+        unknown = 0.5 * ((own.upper - own.lower) ** 2 / gains.adaptation).sum() * SLACK
         before = float(np.sqrt(0.5 * start[n:] @ bounds.inertia.magnitude[0] @ start[n:])) * SLACK
         first = np.array([before**2 + unknown]) * SLACK
         jerked = T * drive.max()
@@ -182,9 +89,16 @@ def levels_of(
         errors, later = carried(start[:n], level * widths / gains.slope * SLACK, gains.slope + 0.0 * widths, durations)
         entries = np.vstack([start, np.hstack([later[:-1], after[:-1] * widths[:-1] * SLACK])])
         return AdaptiveLevels(
-            level[:, 0], widths, errors, entries, apply(grip, drawn + K * swing) * SLACK, (bounds.force + K * S) * SLACK, power, first,
-            min(rest[-1], most) * widths[-1] / gains.slope * SLACK,
-        )  # fmt: skip
+            level=level[:, 0],
+            widths=widths,
+            errors=errors,
+            entries=entries,
+            rates=apply(grip, drawn + K * swing) * SLACK,
+            efforts=(bounds.force + K * S) * SLACK,
+            power=power,
+            first=first,
+            ultimate=min(rest[-1], most) * widths[-1] / gains.slope * SLACK,
+        )
 
 
 def _squared(X: Array, bound: Array) -> Array:
@@ -203,10 +117,10 @@ def delayed(moved: Array, damping: Array) -> Array:
     """K(I − AK)⁻¹A at most, A = `moved` (K, n, n) ≥ 0; infinite where ρ(AK) < 1 is not proved."""
     loop = moved * damping
     identity, found = np.eye(len(damping)), np.full(loop.shape, np.inf)
-    usable = np.isfinite(loop).all(axis=(1, 2))
+    usable = np.asarray(np.isfinite(loop).all(axis=(1, 2)))
     solved = inverses(np.where(usable[:, None, None], identity - loop, identity))
     above = np.abs(solved @ (identity + _ROOM))  # any W ≥ 0 with W − AK W ≥ I is above the inverse, and proves it
-    held = usable & np.all(above - (loop @ above) * SLACK >= identity, axis=(1, 2))
+    held = usable & np.asarray(np.all(above - (loop @ above) * SLACK >= identity, axis=(1, 2)))
     found[held] = (damping[:, None] * (above @ moved))[held] * SLACK
     return found
 
@@ -226,9 +140,7 @@ def decay_of(inertia: Affine, damping: Array) -> Array:
     return np.asarray(2.0 / (top * (1.0 + _CLEAR)))
 
 
-def carried(
-    start: Array, rest: Array, decay: Array, durations: Array, most: float = np.inf
-) -> tuple[Array, Array]:
+def carried(start: Array, rest: Array, decay: Array, durations: Array, most: float = np.inf) -> tuple[Array, Array]:
     """x at most over each cell and at its end, of shape (K, …), where ẋ ≤ −decay (x − rest) and x ≤ most.
 
     The last cell has no end.

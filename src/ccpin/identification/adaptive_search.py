@@ -12,8 +12,7 @@ import numpy as np
 from ccpin.arrays import Array, Mask
 from ccpin.control.stability.tracking.cell_forms import forms_of
 from ccpin.control.stability.tracking.reference_tube import ReferenceTube
-from ccpin.identification.adaptive_equations import AdaptiveEquations
-from ccpin.identification.adaptive_levels import AdaptiveLevels, bounds_of, levels_of
+from ccpin.identification.adaptive_levels import AdaptiveLevels, levels_of
 from ccpin.identification.adaptive_states import SmoothCells, states_of
 from ccpin.identification.adaptive_tube_claim import AdaptiveTube
 from ccpin.proof.facts import Fact, NotProvedError, prove
@@ -55,9 +54,11 @@ class AdaptiveSearch:
             if not proved.all():
                 return self._stopped("σ is not proved", ~proved, room)
             levels = self._levels(boxes, room, rates)
-            failed = ~np.isfinite(levels.needed).all(axis=1) | ~np.isfinite(levels.rates).all(axis=1)
-            if failed.any():
-                return self._stopped("φ_y or D of some constants of the box is not proved regular", failed, room)
+            failed = ~np.isfinite(np.hstack([levels.needed, levels.rates])).all(axis=1)
+            if np.any(failed):
+                return self._stopped(
+                    "φ_y or D of some constants of the box is not proved regular", np.asarray(failed), room
+                )
             if levels.held(room, rates):
                 return self._proved(boxes, room, rates)
             if max(levels.needed.max(), levels.rates.max()) > _MOST:
@@ -73,7 +74,7 @@ class AdaptiveSearch:
     def _why(self, room: Array) -> str:
         n, T = self.tube.equations.closures.system.n, self.tube.equations.gains.period
         return (
-            f"the bound grows without end, for errors of {room[:, :n].max():.3g} and more let the efforts that are "
+            f"the bound grows without end: for errors of {room[:, :n].max():.3g} and more let the efforts that are "
             f"held for {T:.3g} s, and constants as far apart as the box allows, push the more: a shorter period, a "
             "smaller box, other gains or more cells= would do more"
         )

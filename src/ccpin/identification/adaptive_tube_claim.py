@@ -10,8 +10,9 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.control.stability.tracking.cell_forms import TimeCells
 from ccpin.control.stability.tracking.reference_cells import OverCells
+from ccpin.identification.adaptive_bounds import bounds_of
 from ccpin.identification.adaptive_equations import AdaptiveEquations
-from ccpin.identification.adaptive_levels import bounds_of, levels_of
+from ccpin.identification.adaptive_levels import levels_of
 from ccpin.identification.adaptive_states import SmoothCells, states_of
 from ccpin.proof.facts import Examined, Fact, Form, provable, require
 

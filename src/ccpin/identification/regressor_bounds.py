@@ -1,7 +1,7 @@
 """Rigorous bounds of Slotine and Li's Y_r and of its rate over sets of closed states, a column a constant.
 
-A body's frame has an origin x_0 and axes x_1, x_2, x_3, four tips of one chain; with its pseudo-inertia J (4, 4), linear
-in its ten constants, and X_α = ∂x_α/∂q̇ = x_α,i ρ_i (n columns), its share of the reduced model is, exactly,
+A body's frame has an origin x_0 and axes x_1, x_2, x_3, four tips of one chain; with its pseudo-inertia J (4, 4), which
+is linear in its ten constants, and X_α = ∂x_α/∂q̇ = x_α,i ρ_i (n columns), its share of the reduced model is, exactly,
 
     D = Σ_αβ J_αβ X_αᵀX_β,    Y_r π = Σ_αβ J_αβ X_αᵀ(ẍ_β − γ δ_β0),    ẍ = x_ij V_i W_j + x_j A_j,
     V = ρ v,  W = ρ w,  A = ρ a + ρ̇ w,        (v, w, a) = (q̇, v_r, a_r),
@@ -71,16 +71,16 @@ def frames_of(system: ClosureSystem, chains: Sequence[Chain]) -> tuple[Frames, .
 
 
 class Shares(NamedTuple):
-    """What q columns are made of: of bodies (B, 4, 4, q), of joints (4, n′, q)."""
+    """What q columns are made of: of bodies J, with its rounding, (B, 4, 4, q), of joints (4, n′, q)."""
 
-    bodies: Array
+    bodies: Affine
     joints: Array
 
     @classmethod
     def of(cls, constants: Array, n_free: int) -> Shares:
         """Those of columns of constants (p, q): ten a body, then rotors, dampers, springs and efforts of all joints."""
         split = len(constants) - OF_A_JOINT * n_free
-        bodies = np.einsum("ijk,bkq->bijq", pseudo_inertia(), constants[:split].reshape(-1, TEN, constants.shape[1]))
+        bodies = product("ijk,bkq->bijq", pseudo_inertia(), constants[:split].reshape(-1, TEN, constants.shape[1]))
         return cls(bodies, constants[split:].reshape(OF_A_JOINT, n_free, -1))
 
 
@@ -105,8 +105,7 @@ class RegressorBounds:
         self.rho_dot = self.at.rho_dot(self.turns)
         self.tips = [tips_of(each.stack, theta) for each in frames]
         self.moves = [
-            product("bcix,bnci->bcnx", tips.first, gathered(tips.stack, self.at.rho.transposed()))
-            for tips in self.tips
+            product("bcix,bnci->bcnx", tips.first, gathered(tips.stack, self.at.rho.transposed())) for tips in self.tips
         ]
         self.by_turns = [
             product("bcijx,bcj->bcix", tips.second, gathered(tips.stack, self.turns)) for tips in self.tips

@@ -10,9 +10,9 @@ from ccpin.control.stability.tracking.error_equations import StorageChoice
 from ccpin.control.stability.tracking.storage import (
     Storage,
     _constant,
-    inverted,
     floor,
     gain,
+    inverted,
     storage_of,
     widths,
 )
@@ -78,9 +78,7 @@ def test_an_inverse_that_is_off_is_lifted_by_what_it_is_off(monkeypatch):
     """X = 0.9 I for M = I: |1 − XM| = 0.1 each, in the Frobenius norm 0.1 √2, over a least eigenvalue of 1."""
     monkeypatch.setattr(np.linalg, "inv", lambda M: 0.9 * np.tile(np.eye(2), (len(M), 1, 1)) + [[0.0, 0.2], [0.0, 0.0]])
     off = np.sqrt(2 * 0.1**2 + 2 * 0.1**2)
-    np.testing.assert_allclose(
-        inverted(np.eye(2)[None])[0], (0.9 + off) * np.eye(2) + 0.1 * (1 - np.eye(2)), rtol=1e-8
-    )
+    np.testing.assert_allclose(inverted(np.eye(2)[None])[0], (0.9 + off) * np.eye(2) + 0.1 * (1 - np.eye(2)), rtol=1e-8)
 
 
 def test_the_roundings_of_an_inverse_are_counted():
