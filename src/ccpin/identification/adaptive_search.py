@@ -12,6 +12,7 @@ import numpy as np
 from ccpin.arrays import Array, Mask
 from ccpin.control.stability.tracking.cell_forms import forms_of
 from ccpin.control.stability.tracking.reference_tube import ReferenceTube
+from ccpin.identification.adaptive_bounds import bounds_of
 from ccpin.identification.adaptive_levels import AdaptiveLevels, levels_of
 from ccpin.identification.adaptive_states import SmoothCells, states_of
 from ccpin.identification.adaptive_tube_claim import AdaptiveTube
@@ -56,9 +57,8 @@ class AdaptiveSearch:
             levels = self._levels(boxes, room, rates)
             failed = ~np.isfinite(np.hstack([levels.needed, levels.rates])).all(axis=1)
             if np.any(failed):
-                return self._stopped(
-                    "φ_y or D of some constants of the box is not proved regular", np.asarray(failed), room
-                )
+                what = "φ_y, D of all constants of the box or K over a period is not proved regular"
+                return self._stopped(what, np.asarray(failed), room)
             if levels.held(room, rates):
                 return self._proved(boxes, room, rates)
             if max(levels.needed.max(), levels.rates.max()) > _MOST:

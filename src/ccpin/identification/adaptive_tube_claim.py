@@ -20,16 +20,17 @@ from ccpin.proof.facts import Examined, Fact, Form, provable, require
 @provable
 @dataclass(frozen=True, eq=False)
 class AdaptiveTube(OverCells):
-    """Every motion of a sampled adaptive law goes on for all t ≥ 0 on the branch of its start, with its error in a tube.
+    """Every motion of a sampled adaptive law goes on for all t ≥ 0, its error in a tube.
 
-    That is whatever constants of the box the robot has and the law begins with. `room` is (E, S) of q − q_d and s.
+    That is on the branch of its start, whatever constants of the box the robot has and the law begins with.
+    `room` is (E, S) of q − q_d and s.
 
     Attributes:
         rates: Bounds of |ṡ| over each cell, of shape (K, n).
         start: Bounds of (q − q_d, s) at t = 0, of shape (2n,).
 
-    Found: `bound` (K, 2n) of (|q − q_d|, |s|) over each cell; `ultimate` (n,) of |q − q_d| as t → ∞; `efforts` (K, n) of
-    the generalized force that the law asks for; `power` (1,), p, and `first` (1,), V(0), with
+    Found: `bound` (K, 2n) of (|q − q_d|, |s|) over each cell; `ultimate` (n,) of |q − q_d| as t → ∞; `efforts` (K, n)
+    of the generalized force that the law asks for; `power` (1,), p, and `first` (1,), V(0), with
     ∫ sᵀKs ≤ V(0) + p t over the first t = kT seconds; `level` (K,) of V_s^½.
     """
 
