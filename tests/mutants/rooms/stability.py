@@ -124,15 +124,14 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "control/stability/tracking/tube_claim",
+        ("TubeKept.examined", "TubeKept._levels"),
+        ("control/stability/tracking/test_sharp_tube_claim.py", "control/stability/tracking/test_tube_claims.py"),
+    ),
+    Room(
+        "control/stability/tracking/reference_cells",
         (
-            "TubeKept.subjects",
-            "TubeKept.examined",
-            "TubeKept.states",
-            "TubeKept._cells",
-            "TubeKept._require_path",
-            "TubeKept._require_covered",
-            "TubeKept._require_glued",
-            "TubeKept._levels",
+            *("OverCells.subjects", "OverCells.covered", "OverCells.states", "OverCells._cells"),
+            *("OverCells._require_path", "OverCells._require_covered", "OverCells._require_glued"),
         ),
         ("control/stability/tracking/test_sharp_tube_claim.py", "control/stability/tracking/test_tube_claims.py"),
         (
