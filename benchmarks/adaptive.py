@@ -24,7 +24,7 @@ from ccpin.control import ComputedTorque, PDPlus, Sampling, Waypoints
 from ccpin.identification import AdaptiveTracking, with_constants
 from ccpin.programs import compiled, configuration, record
 
-PERIOD, SLOPE, K, GAMMA, SHARE = 1e-3, 20.0, 0.5, 5000.0, 0.4
+PERIOD, SLOPE, K, GAMMA, SHARE = 1e-3, 20.0, 0.5, 1000.0, 0.4
 TRUE = np.array([1.3, 0.7, 0.7, 1.3])  # factors of link1, link3, link2, link4
 LEGS = np.array([[0.45, -0.35], [-0.1, 0.3], [0.4, 0.2], [-0.3, -0.35], [0.25, -0.1], [0.0, 0.0]])
 LEG, ROUNDS = 0.25, 4
@@ -142,14 +142,15 @@ def drawn(law: AdaptiveTracking, motions: dict[str, Any]) -> Figure:
         errors = motions[name][0]
         above.plot(law.period * np.arange(len(errors)), 1e3 * np.abs(errors).max(axis=1), label=name, lw=1.0)
     above.set_ylabel("largest |e|, mrad")
-    above.legend(loc="upper right", fontsize="small")
+    above.legend(loc="upper right", fontsize="small", framealpha=1.0)
     estimates = motions["adaptive"][1]
     for k, name in enumerate(law.adapted):
         (line,) = below.plot(law.period * np.arange(len(estimates)), estimates[:, k], label=name, lw=1.2)
         below.axhline(TRUE[k], color=line.get_color(), ls=":", lw=1.0)
     below.set_ylabel("factor learnt (dotted: true)")
     below.set_xlabel("t, s")
-    below.legend(loc="upper right", ncols=2, fontsize="small")
+    below.set_ylim(law.lower.min(), law.upper.max() + 0.15)
+    below.legend(loc="upper center", ncols=4, fontsize="small")
     for axes in (above, below):
         axes.grid(alpha=0.3)
     return figure

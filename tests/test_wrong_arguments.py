@@ -385,7 +385,13 @@ def _identification(b):
     estimate = identification.identify(b.model, log, kinds=("inertia",), **smoothing)
     limits = {"lower": b.q - 0.1, "upper": b.q + 0.1, "speed": 1.0, "effort": None, "start": b.q}
     search = {"kinds": ("friction",), "waypoints": 2, "criterion": "trace", "starts": 1, "iterations": 0, "seed": 0}
+    law = {"model": b.model, "reference": b.tracking.reference, "slope": 9.0, "K": [0.5, 0.5], "gain": 1.0}
+    law |= {"period": 1e-3, "adapted": ("body",), "bounds": 0.2, "initial": np.ones(4), "near": None}
+    adaptive = identification.AdaptiveTracking(**law)
     return {
+        "AdaptiveTracking": (identification.AdaptiveTracking, law),
+        "AdaptiveTracking.constants": (adaptive.constants, {"estimate": np.ones(4)}),
+        "AdaptiveTracking.program": (adaptive.program, {"given": "near", "steps": 1, "near": adaptive.near}),
         "base_parameters": (identification.base_parameters, {"mechanism": b.whole, "states": 1, "precision": 60}),
         "consistent": (identification.consistent, {"model": b.model, "estimate": estimate, "doubt": 10.0}),
         "excitation": (identification.excitation, {"model": b.model, "duration": 1.0} | limits | search),

@@ -34,6 +34,7 @@ LONG = (
     | {
         f"docs/howto/{name}.md"
         for name in (
+            "adaptive",
             "assembly_modes",
             "cad_to_policy",
             "cluster",

@@ -20,6 +20,7 @@ from ccpin.covering import runner, sources
 from ccpin.covering.proposals import tasks
 from ccpin.description import scaled
 from ccpin.errors import CcpinError, DifferentSubjectsError
+from ccpin.identification import AdaptiveTracking
 from ccpin.proof.digests import Digests, UndigestedError, digest, require_same
 from ccpin.simulation.plant.stick_slip import friction_force
 from ccpin.simulation.results import saving
@@ -93,6 +94,12 @@ def tracking(model):
     return control.ComputedTorque(model, PointToPoint(model, GOAL, [-1.5, -1.7], 0.5), [9.0, 9.0], [6.0, 6.0])
 
 
+def adaptive(model):
+    """One that learns masses on the way."""
+    reference = PointToPoint(model, GOAL, [-1.5, -1.7], 0.5)
+    return AdaptiveTracking(model, reference, 9.0, [0.5, 0.5], gain=1.0, period=1e-3, adapted="body")
+
+
 def passive(things):
     """From its motors to its passive joints."""
     return Transmission(things.model, ["joint3", "joint4"])
@@ -157,6 +164,12 @@ CROSSED = {
         EVERY,
         lambda a, b: control.OnlineLaw(tracking(a.model), control.OnlineSigma(b.model, b.model.at(GOAL).q_free)),
     ),
+    "AdaptiveTracking.lyapunov": (
+        MECHANISMS,
+        lambda a, b: adaptive(a.model).lyapunov(0.0, b.model.at(GOAL), np.zeros(2), np.ones(4), np.ones(4)),
+    ),
+    "AdaptiveTracking.estimates": (CLOSURES, lambda a, b: adaptive(a.model).estimates(b.motion)),
+    "AdaptiveTracking.program": (MECHANISMS, lambda a, b: adaptive(a.model).program(near=b.model.at(GOAL))),
     "Transmission.at": (MECHANISMS, lambda a, b: passive(a).at(passive(b).reference.q_joint, b.model.at(GOAL))),
     "Transmission.at_motor": (MECHANISMS, lambda a, b: passive(a).at_motor(GOAL, passive(b).at_motor(GOAL))),
     "Simulator.reset": (MECHANISMS, lambda a, b: a.simulator.reset(b.model.at(GOAL))),
@@ -175,6 +188,9 @@ ALLOWED = {
     "PDPlus": "as ComputedTorque",
     "PDOnlineGravity": "as ComputedTorque",
     "TrackingLaw": "as ComputedTorque",
+    "AdaptiveTracking": "as ComputedTorque",
+    "AdaptiveTracking.step": "as ControlLaw.torque",
+    "AdaptiveTracking.torque": "as ControlLaw.torque",
     "ControlLaw.torque": "a State of the plant: a nominal law reads q and v of it",
     "OnlineLaw.torque": "as ControlLaw.torque; it reads q alone",
     "PDSimpleGravity.torque": "as ControlLaw.torque",

@@ -28,7 +28,7 @@ from ccpin.validated.arithmetic.programs import in_balls
 from ccpin.validated.model.closed_loop import recorded_loop
 
 
-class BodyMotions(NamedTuple):
+class MotionsOnTape(NamedTuple):
     """What bodies and springs do.
 
     Attributes:
@@ -65,7 +65,7 @@ def recorded_motions(model: ReducedModel) -> tuple[IdentificationEquations, Numb
     return IdentificationEquations(loop, in_balls(tape, outputs), bodies, ends, pull), own
 
 
-def body_motions(tape: Tape, model: ReducedModel, own: Numbering, x: Table, rho: Table) -> BodyMotions:
+def body_motions(tape: Tape, model: ReducedModel, own: Numbering, x: Table, rho: Table) -> MotionsOnTape:
     """What bodies and springs do, by the numbers x and ρ."""
     n, nothing = rho.shape[1], np.zeros(3, dtype=object)
     moving = {0: [(nothing, nothing)] * n}
@@ -85,7 +85,7 @@ def body_motions(tape: Tape, model: ReducedModel, own: Numbering, x: Table, rho:
     order = [joint.number for joint in own.joints]
     twists = np.array([[[*speed, *omega] for speed, omega in moving[k]] for k in order], dtype=object)
     gravity = np.array([list(pull[k]) for k in order], dtype=object)
-    return BodyMotions(twists.reshape(-1, n, 6), gravity.reshape(-1, 3), tuple(stretches))
+    return MotionsOnTape(twists.reshape(-1, n, 6), gravity.reshape(-1, 3), tuple(stretches))
 
 
 def _stretch(tape: Tape, own: Numbering, joint: ExactJoint, x: Table) -> Table | None:
