@@ -12,7 +12,7 @@ import numpy as np
 from ccpin.arrays import Array, Mask
 from ccpin.control.stability.tracking.masses import BodiesOnJoints, Masses, masses_of
 from ccpin.control.stability.tracking.tracking_equations import ReferencePieces, finite_vector, own_pieces
-from ccpin.identification.regressor_bounds import OF_A_JOINT, TEN, TIPS, Frames, Shares, frames_of
+from ccpin.identification.regressor_bounds import OF_A_JOINT, TEN, TIPS, BodyFrames, Shares, frames_of
 from ccpin.proof.chains import Chain
 from ccpin.proof.digests import digest
 from ccpin.proof.equations import Closures, row_of
@@ -140,7 +140,7 @@ class AdaptiveEquations:
         return masses_of(self.closures.system, BodiesOnJoints((), nothing, nothing, nothing, nothing))
 
     @cached_property
-    def bodies(self) -> tuple[Frames, ...]:
+    def bodies(self) -> tuple[BodyFrames, ...]:
         """The bodies' frames side by side."""
         return frames_of(self.closures.system, self.frames)
 

@@ -25,7 +25,7 @@ _MORE = 1.04  # times what was needed: the next tube
 _MOST = 1e6  # of what comes out: there is no use in going on
 
 
-class FoundTube(NamedTuple):
+class FoundAdaptiveTube(NamedTuple):
     """What a search ends with: the fact, ``None`` where none was found, and why, in a sentence."""
 
     proved: Fact | None
@@ -40,14 +40,14 @@ class AdaptiveSearch:
         smooth = SmoothCells.of(own.motion, own.motion[2].derivative(), tube.cells.times)
         self.tube, self.jerk, self.start = tube._replace(cells=smooth.cells), smooth.jerk, start
 
-    def found(self) -> FoundTube:
+    def found(self) -> FoundAdaptiveTube:
         """What is proved, after as many rounds as it takes."""
         tube, own = self.tube, self.tube.equations
         n, T, shortest = own.closures.system.n, own.gains.period, float(np.diff(tube.cells.times).min())
         if tube.path.verdict != "proven":
-            return FoundTube(None, f"the reference itself leaves what is proved: {tube.path.reason}")
+            return FoundAdaptiveTube(None, f"the reference itself leaves what is proved: {tube.path.reason}")
         if shortest < T:
-            return FoundTube(None, f"cells of {shortest:.3g} s are shorter than the period: fewer cells= would do")
+            return FoundAdaptiveTube(None, f"cells of {shortest:.3g} s are shorter than the period: fewer cells= would do")
         room = np.tile(np.concatenate([_FIRST / own.gains.slope, np.full(n, _FIRST)]), (len(tube.centre), 1))
         rates = np.full((len(tube.centre), n), _FIRST)
         for _ in range(_ROUNDS):
@@ -64,7 +64,7 @@ class AdaptiveSearch:
             if max(levels.needed.max(), levels.rates.max()) > _MOST:
                 break
             room, rates = np.maximum(room, _MORE * levels.needed), np.maximum(rates, _MORE * levels.rates)
-        return FoundTube(None, self._why(room))
+        return FoundAdaptiveTube(None, self._why(room))
 
     def _levels(self, boxes: Boxes, room: Array, rates: Array) -> AdaptiveLevels:
         tube, own = self.tube, self.tube.equations
@@ -79,14 +79,14 @@ class AdaptiveSearch:
             "smaller box, other gains or more cells= would do more"
         )
 
-    def _stopped(self, what: str, where: Mask, room: Array) -> FoundTube:
+    def _stopped(self, what: str, where: Mask, room: Array) -> FoundAdaptiveTube:
         """A reason: what fails first, where, and for which errors."""
         k, cells, n = int(np.argmax(where)), self.tube.cells, self.tube.equations.closures.system.n
         place = f"t = {cells.times[k]:.6g} s, q_d = {cells.place.start[k].tolist()}"
         more = "a shorter period, a smaller box, other gains or more cells= would do more"
-        return FoundTube(None, f"{what} for errors up to {room[k, :n].max():.3g} at {place}: {more}")
+        return FoundAdaptiveTube(None, f"{what} for errors up to {room[k, :n].max():.3g} at {place}: {more}")
 
-    def _proved(self, boxes: Boxes, room: Array, rates: Array) -> FoundTube:
+    def _proved(self, boxes: Boxes, room: Array, rates: Array) -> FoundAdaptiveTube:
         """The fact, and what it says."""
         tube, n = self.tube, rates.shape[1]
         claim = AdaptiveTube(tube.equations, tube.cells.times, room, rates, self.start)
@@ -95,7 +95,7 @@ class AdaptiveSearch:
         try:
             fact = prove(claim, path, *tube.proved(boxes))
         except NotProvedError as error:
-            return FoundTube(None, f"a bound was found, and did not hold when it was to be proved: {error}")
+            return FoundAdaptiveTube(None, f"a bound was found, and did not hold when it was to be proved: {error}")
         worst = float(fact.found["bound"][:, :n].max())
         said = f"|q − q_d| stays below {worst:.3g} ({np.degrees(worst):.3g}°, where angles) for every robot of the box"
-        return FoundTube(fact, f"{said}, sampled every {tube.equations.gains.period:.3g} s: {len(room)} cells")
+        return FoundAdaptiveTube(fact, f"{said}, sampled every {tube.equations.gains.period:.3g} s: {len(room)} cells")

@@ -49,20 +49,20 @@ def pseudo_inertia() -> Array:
     return share
 
 
-class Frames(NamedTuple):
+class BodyFrames(NamedTuple):
     """Bodies on chains of one length: which they are, (b,), and the chains of their tips, four each."""
 
     bodies: Array
     stack: ChainStack
 
 
-def frames_of(system: ClosureSystem, chains: Sequence[Chain]) -> tuple[Frames, ...]:
+def frames_of(system: ClosureSystem, chains: Sequence[Chain]) -> tuple[BodyFrames, ...]:
     """Bodies whose tips are given one after the other, by their chains' lengths."""
     groups: dict[int, list[int]] = {}
     for body, chain in enumerate(chains[::TIPS]):
         groups.setdefault(len(chain.joints), []).append(body)
     return tuple(
-        Frames(
+        BodyFrames(
             np.array(bodies),
             stack_chains(tuple(chains[TIPS * b + k] for b in bodies for k in range(TIPS)), system.n_free, 1),
         )
@@ -97,7 +97,7 @@ class RegressorBounds:
     """
 
     def __init__(
-        self, system: ClosureSystem, masses: Masses, frames: Sequence[Frames], gravity: Array, theta: Affine, v: Affine
+        self, system: ClosureSystem, masses: Masses, frames: Sequence[BodyFrames], gravity: Array, theta: Affine, v: Affine
     ) -> None:
         self.frames, self.gravity, self.v = frames, gravity, v
         self.at = Reduced(system, masses, theta)
@@ -205,7 +205,7 @@ class RegressorBounds:
         efforts = product("bkp,kpq->bpq", brought, shares.joints[: len(along)])
         return product("bpn,bpq->bqn", rho, efforts)
 
-    def _on_bodies(self, each: Frames, moves: Affine, pull: Affine, shares: Shares) -> Affine:
+    def _on_bodies(self, each: BodyFrames, moves: Affine, pull: Affine, shares: Shares) -> Affine:
         """Σ_αβ J_αβ X_αᵀ y_β of bodies, of shape (B, q, n)."""
         count, bodies, n = len(moves.mid), len(each.bodies), moves.mid.shape[2]
         X, y = moves.reshape(count, bodies, TIPS, n, 3), pull.reshape(count, bodies, TIPS, 3)
