@@ -403,6 +403,10 @@ def _identification(b):
         "AdaptiveTracking": (identification.AdaptiveTracking, law),
         "AdaptiveTracking.constants": (adaptive.constants, {"estimate": np.ones(4)}),
         "AdaptiveTracking.program": (adaptive.program, {"given": "near", "steps": 1, "near": adaptive.near}),
+        "certify_adaptive": (
+            identification.certify_adaptive,
+            {"law": adaptive, "initial_error": 0.0, "initial_sliding": 0.0, "cells": 4},
+        ),
         "base_parameters": (
             identification.base_parameters,
             {"mechanism": b.whole, "forces": (), "base": False, "states": 1, "precision": 60},

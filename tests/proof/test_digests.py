@@ -207,6 +207,7 @@ ALLOWED = {
     "SheetAtlas.is_about": "asks just that",
     "SingularCover.is_about": "asks just that",
     "Mechanism": "made by load only",
+    "AdaptiveCertificate": "made by certify_adaptive only, with the tube of its law's reference",
     "TrackingCertificate": "made by certify_tracking only, with the tube of its law's reference",
     "describe_pinocchio": "two of Pinocchio's own",
     "write": "one mechanism and a path",

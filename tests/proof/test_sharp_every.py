@@ -7,7 +7,7 @@ import pytest
 from flint import arb
 
 from ccpin.auditing.boxes import contracts
-from ccpin.control.stability.tracking.storage import _inverted
+from ccpin.control.stability.tracking.storage import inverted
 from ccpin.proof import narrowing, newton
 from ccpin.proof.balls import Affine, inverse, product
 from ccpin.proof.newton import holds, noise_of, reached
@@ -110,7 +110,7 @@ def test_a_solution_is_alone_by_all_its_coordinates(monkeypatch):
 
 def test_what_is_not_definite_has_no_inverse():
     for entries in ([[1.0, 0.0], [0.0, 0.0]], [[1.0, np.nan], [np.nan, 1.0]]):
-        assert np.isinf(_inverted(np.array([entries]))).all()
+        assert np.isinf(inverted(np.array([entries]))).all()
 
 
 def test_powers_converge_by_all_rows():

@@ -1,6 +1,7 @@
 """From a robot's log to its model: motions that show it, what was measured, what can be identified, and constants."""
 
 from ccpin.dynamics.changed_constants import with_constants
+from ccpin.identification.adaptive_certificate import certify_adaptive
 from ccpin.identification.adaptive_tracking import AdaptiveTracking
 from ccpin.identification.consistency import consistent
 from ccpin.identification.estimation import identify
@@ -14,6 +15,7 @@ __all__ = [
     "AdaptiveTracking",
     "Log",
     "base_parameters",
+    "certify_adaptive",
     "consistent",
     "excitation",
     "explained",

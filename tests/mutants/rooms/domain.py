@@ -211,17 +211,18 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "control/stability/tracking/motion_bounds",
         (
-            "_Tips.third_along",
-            "_tips",
+            "Tips.third_along",
+            "tips_of",
             "Reduced.__init__",
             "Reduced.free_inertia",
             "Reduced.coriolis",
             "Reduced.force_slope",
             "Reduced._third",
+            "Reduced.rho_dot",
             "Reduced.pairs",
-            "Reduced._whole",
+            "Reduced.whole",
             "_FreeForce.__init__",
-            "_placed",
+            "placed",
         ),
         (
             *(

@@ -5,6 +5,8 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _CLAIMS = ("identification/test_rank_claims.py", "identification/test_more_sensors.py")
+_ADAPTIVE = ("identification/test_adaptive_tube_claims.py",)
+_LEVELS = ("identification/test_sharp_adaptive.py", *_ADAPTIVE)
 _STRUCTURE = ("identification/test_vanishing.py", "identification/test_more_sensors.py")
 
 ROOMS = (
@@ -45,9 +47,61 @@ ROOMS = (
         ("IndependentColumns.examined", "VanishingCombinations.examined"),
         _CLAIMS,
     ),
+    Room(
+        "identification/regressor_bounds",
+        (
+            *("TIPS", "TEN", "OF_A_JOINT", "pseudo_inertia", "frames_of", "Shares.of"),
+            *(f"RegressorBounds.{name}" for name in ("__init__", "inertia", "columns", "rates")),
+            *(f"RegressorBounds.{name}" for name in ("_along", "_bent", "_pulled", "_second", "_at_rest")),
+            *(f"RegressorBounds.{name}" for name in ("_on_joints", "_on_bodies")),
+        ),
+        ("identification/test_regressor_bounds.py",),
+    ),
+    Room(
+        "identification/adaptive_equations",
+        (
+            *("_ADDS", "_DEFINITE", "_definite", "AdaptiveEquations.__post_init__", "AdaptiveEquations.sizes"),
+            *("AdaptiveEquations.digest", "AdaptiveEquations.shares", "AdaptiveEquations.adds"),
+            *("AdaptiveEquations.masses", "AdaptiveEquations.bodies", "AdaptiveEquations.motion"),
+            "AdaptiveEquations.__reduce__",
+        ),
+        _ADAPTIVE,
+    ),
+    Room(
+        "identification/adaptive_states",
+        ("_APART", "_MENDED", "AdaptiveStates.chunk", "SmoothCells.of", "_jump", "states_of", "_with_more"),
+        _LEVELS,
+    ),
+    Room("identification/adaptive_bounds", ("bounds_of", "_joined", "_part", "_combined"), _LEVELS),
+    Room(
+        "identification/adaptive_levels",
+        (
+            *("_CLEAR", "_ROOM", "AdaptiveLevels.bound", "AdaptiveLevels.needed", "AdaptiveLevels.held", "levels_of"),
+            *("_squared", "grip_of", "delayed", "_lately", "decay_of", "carried"),
+        ),
+        _LEVELS,
+    ),
+    Room(
+        "identification/adaptive_tube_claim",
+        ("AdaptiveTube.examined", "AdaptiveTube._cells", "AdaptiveTube._smooth"),
+        _ADAPTIVE,
+    ),
+    Room(
+        "identification/adaptive_certificate",
+        (
+            *(f"AdaptiveCertificate.{name}" for name in ("verdict", "_known", "_beyond", "replay", "_found", "times")),
+            *(f"AdaptiveCertificate.{name}" for name in ("errors", "sliding", "error", "ultimate", "efforts")),
+            *("AdaptiveCertificate.mean_square", "certify_adaptive", "equations_of", "_motors_of", "_bound", "_check"),
+        ),
+        _ADAPTIVE,
+    ),
 )
 
 EXCUSED = (
     Excused("identification/identifiable", (), "proposes; `rank_claims` checks"),
+    Excused("identification/adaptive_bounds", ("_NUMBERS",), "how many cells are bounded at a time"),
+    Excused("identification/adaptive_certificate", ("AdaptiveCertificate.reason",), "words"),
+    Excused("identification/adaptive_reading", (), "reads a mechanism; claims are about what was read"),
+    Excused("identification/adaptive_search", (), "looks for a tube and proposes it: `AdaptiveTube` checks"),
     Excused("identification/recorded_twists", (), "records; claims are about what was recorded, as told in tests"),
 )

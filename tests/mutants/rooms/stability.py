@@ -120,9 +120,9 @@ ROOMS: tuple[Room, ...] = (
             "TrackingEquations.sizes",
             "TrackingEquations.digest",
             "TrackingEquations.motion",
-            "_vector",
+            "finite_vector",
             "_own_feedback",
-            "_own_pieces",
+            "own_pieces",
         ),
         (
             *(
@@ -135,15 +135,14 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "control/stability/tracking/tube_claim",
+        ("TubeKept.examined", "TubeKept._levels"),
+        ("control/stability/tracking/test_sharp_tube_claim.py", "control/stability/tracking/test_tube_claims.py"),
+    ),
+    Room(
+        "control/stability/tracking/reference_cells",
         (
-            "TubeKept.subjects",
-            "TubeKept.examined",
-            "TubeKept.states",
-            "TubeKept._cells",
-            "TubeKept._require_path",
-            "TubeKept._require_covered",
-            "TubeKept._require_glued",
-            "TubeKept._levels",
+            *("OverCells.subjects", "OverCells.covered", "OverCells.states", "OverCells._cells"),
+            *("OverCells._require_path", "OverCells._require_covered", "OverCells._require_glued"),
         ),
         ("control/stability/tracking/test_sharp_tube_claim.py", "control/stability/tracking/test_tube_claims.py"),
         (
@@ -230,7 +229,7 @@ ROOMS: tuple[Room, ...] = (
             "gain",
             "widths",
             "_inverse_form",
-            "_inverted",
+            "inverted",
             "_constant",
             "storage_of",
             "_blocks",

@@ -8,7 +8,7 @@ import pytest
 import ccpin
 from ccpin.control.stability.tracking.mass_reading import bodies_on_joints_of
 from ccpin.control.stability.tracking.masses import masses_of
-from ccpin.control.stability.tracking.motion_bounds import _placed
+from ccpin.control.stability.tracking.motion_bounds import placed
 from ccpin.domain.closures.system import reading_of
 from ccpin.proof.balls import Affine
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
@@ -86,7 +86,7 @@ def test_sums_over_chains_in_their_places(rank):
     stack = SimpleNamespace(joints=joints, placement=np.zeros((6, 3)))
     shape = (2, 3, *[2] * rank)
     local = Affine(rng.normal(size=shape), rng.normal(size=(2, *shape)), rng.uniform(0, 1e-15, shape), 1)
-    found = _placed(stack, local, rank)
+    found = placed(stack, local, rank)
     mid, rad, size = (np.zeros((2, *[4] * rank)) for _ in range(3))
     lin = np.zeros((2, *mid.shape))
     for c in range(3):

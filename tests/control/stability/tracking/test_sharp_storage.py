@@ -10,9 +10,9 @@ from ccpin.control.stability.tracking.error_equations import StorageChoice
 from ccpin.control.stability.tracking.storage import (
     Storage,
     _constant,
-    _inverted,
     floor,
     gain,
+    inverted,
     storage_of,
     widths,
 )
@@ -56,8 +56,8 @@ def test_inverses_of_matrices_that_are_clearly_positive_definite(share, usable):
     """Scaled to a unit diagonal the least eigenvalue of [1 a; a 1] is 1 − a, and 1e-7 is asked of it."""
     mixed = 1 - share * 1e-7
     M = np.array([[[4.0, 6.0 * mixed], [6.0 * mixed, 9.0]]])
-    assert np.isfinite(_inverted(M)).all() == usable
-    assert np.all(_inverted(np.zeros((1, 2, 2))) == np.inf)
+    assert np.isfinite(inverted(M)).all() == usable
+    assert np.all(inverted(np.zeros((1, 2, 2))) == np.inf)
 
 
 @pytest.mark.parametrize("mixed", [0.0, 0.3, -0.999, 1 - 1e-6])
@@ -66,7 +66,7 @@ def test_inverses_are_bounded_from_above(mixed):
     M = np.array([[4.0, 6.0 * mixed], [6.0 * mixed, 9.0]])
     a, b, d = (Fraction(M[k]) for k in ((0, 0), (0, 1), (1, 1)))
     det = a * d - b * b
-    found = [[Fraction(float(x)) for x in row] for row in _inverted(M[None])[0]]
+    found = [[Fraction(float(x)) for x in row] for row in inverted(M[None])[0]]
     more = [[found[0][0] - d / det, found[0][1] + b / det], [found[1][0] + b / det, found[1][1] - a / det]]
     assert more[0][0] > 0
     assert more[1][1] > 0
@@ -78,15 +78,13 @@ def test_an_inverse_that_is_off_is_lifted_by_what_it_is_off(monkeypatch):
     """X = 0.9 I for M = I: |1 − XM| = 0.1 each, in the Frobenius norm 0.1 √2, over a least eigenvalue of 1."""
     monkeypatch.setattr(np.linalg, "inv", lambda M: 0.9 * np.tile(np.eye(2), (len(M), 1, 1)) + [[0.0, 0.2], [0.0, 0.0]])
     off = np.sqrt(2 * 0.1**2 + 2 * 0.1**2)
-    np.testing.assert_allclose(
-        _inverted(np.eye(2)[None])[0], (0.9 + off) * np.eye(2) + 0.1 * (1 - np.eye(2)), rtol=1e-8
-    )
+    np.testing.assert_allclose(inverted(np.eye(2)[None])[0], (0.9 + off) * np.eye(2) + 0.1 * (1 - np.eye(2)), rtol=1e-8)
 
 
 def test_the_roundings_of_an_inverse_are_counted():
     """Of I, k = 400: (k + 4)u √k for what XM is off, and 4u √k for X's own two parts, above 1."""
     k, u = 400, 2.0**-53
-    found = _inverted(np.eye(k)[None])[0]
+    found = inverted(np.eye(k)[None])[0]
     np.testing.assert_allclose(np.diag(found) - 1.0, (k + 8) * np.sqrt(k) * u, rtol=0.0, atol=4 * u)
 
 

@@ -32,7 +32,7 @@ from ccpin.proof.chains import ChainStack, ClosureSystem
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 
 
-class _Tips(NamedTuple):
+class Tips(NamedTuple):
     """Derivatives of the tips over B sets of θ.
 
     Attributes:
@@ -67,9 +67,9 @@ class _Tips(NamedTuple):
         return total
 
 
-def _tips(stack: ChainStack, theta: Affine) -> _Tips:
+def tips_of(stack: ChainStack, theta: Affine) -> Tips:
     """Sweep all chains over sets of θ; arms are added up from the tip, so that what an origin shares cancels."""
-    angles = _gathered(stack, theta)
+    angles = gathered(stack, theta)
     sine, versine = sine_versine(angles * stack.turning)
     slides, crosses = angles * stack.sliding, skew(stack.axes)
     count, chains, k = angles.mid.shape
@@ -93,14 +93,14 @@ def _tips(stack: ChainStack, theta: Affine) -> _Tips:
         arm = arm + product("c,bcx->bcx", stack.points, hops[j])
     arms, turning = stacked(first, 2), product("ck,bckx->bckx", stack.turning, stacked(axes, 2))
     upper, lower = np.sort(np.indices((k, k)), axis=0)
-    return _Tips(stack, turning, arms, cross(turning[:, :, upper], arms[:, :, lower]))
+    return Tips(stack, turning, arms, cross(turning[:, :, upper], arms[:, :, lower]))
 
 
-def _gathered(stack: ChainStack, values: Affine) -> Affine:
-    """Values (B, n′) by chain and joint, of shape (B, C, k), zero where padded."""
-    pad = ((0, 0), (0, 1))
+def gathered(stack: ChainStack, values: Affine) -> Affine:
+    """Values (B, …, n′) by chain and joint, of shape (B, …, C, k), zero where padded."""
+    pad = (*(values.mid.ndim - 1) * ((0, 0),), (0, 1))
     lin = np.pad(values.lin, ((0, 0), *pad))
-    return Affine(np.pad(values.mid, pad), lin, np.pad(values.rad, pad), values.boxed)[:, stack.joints]
+    return Affine(np.pad(values.mid, pad), lin, np.pad(values.rad, pad), values.boxed)[..., stack.joints]
 
 
 class Motion(NamedTuple):
@@ -134,16 +134,16 @@ class Reduced:
 
     def __init__(self, system: ClosureSystem, masses: Masses, theta: Affine) -> None:
         self.system, self.masses, self.theta = system, masses, theta
-        self.loops = [_tips(stack, theta) for stack in masses.loops]
-        self.bodies = [_tips(bodies.stack, theta) for bodies in masses.bodies]
+        self.loops = [tips_of(stack, theta) for stack in masses.loops]
+        self.bodies = [tips_of(bodies.stack, theta) for bodies in masses.bodies]
         slope = affine(np.tile(self.system.couplings, (len(theta.mid), 1, 1)))
         self.bend = affine(np.zeros((len(theta.mid), self.system.m, self.system.n_free, self.system.n_free)))
         for tips in self.loops:
             weights = tips.stack.weights
-            slope = slope + _placed(tips.stack, product("cmx,bcix->bcmi", weights, tips.first), 1)
-            self.bend = self.bend + _placed(tips.stack, product("cmx,bcijx->bcmij", weights, tips.second), 2)
+            slope = slope + placed(tips.stack, product("cmx,bcix->bcmi", weights, tips.first), 1)
+            self.bend = self.bend + placed(tips.stack, product("cmx,bcijx->bcmij", weights, tips.second), 2)
         self.grip: FormInverse = inverse(slope[:, :, self.system.dependent])
-        self.rho = self._whole(-self.grip.solve(slope[:, :, self.system.independent]), np.eye(self.system.n))
+        self.rho = self.whole(-self.grip.solve(slope[:, :, self.system.independent]), np.eye(self.system.n))
 
     @cached_property
     def free_inertia(self) -> Affine:
@@ -163,12 +163,15 @@ class Reduced:
     def coriolis(self, v: Affine) -> Affine:
         """C = ρᵀC′ρ + ρᵀD′ρ̇ (24) at velocities v (B, n), of shape (B, n, n)."""
         rates = product("bpn,bn->bp", self.rho, v)
-        turned = [product("bcijx,bcj->bcix", tips.second, _gathered(tips.stack, rates)) for tips in self.bodies]
-        bent = product("bmpj,bjn->bmpn", self.bend, self.rho)
-        rho_dot = self._whole(-self.grip.solve(product("bmpn,bp->bmn", bent, rates)), np.zeros((1, self.system.n)))
+        turned = [product("bcijx,bcj->bcix", tips.second, gathered(tips.stack, rates)) for tips in self.bodies]
         free = product("bpq,bqn->bpn", self.pairs(turned), self.rho)
-        free = free + product("bpq,bqn->bpn", self.free_inertia, rho_dot)
+        free = free + product("bpq,bqn->bpn", self.free_inertia, self.rho_dot(rates))
         return product("bpn,bpk->bnk", self.rho, free)
+
+    def rho_dot(self, rates: Affine) -> Affine:
+        """ρ̇ (35) along q̇′ = `rates` (B, n′), of shape (B, n′, n)."""
+        bent = product("bmpj,bjn->bmpn", self.bend, self.rho)
+        return self.whole(-self.grip.solve(product("bmpn,bp->bmn", bent, rates)), np.zeros((1, self.system.n)))
 
     def force_slope(self, motion: Motion) -> Affine:
         """∂τ/∂y of τ(q, y; v, w, a), of shape (B, n, m)."""
@@ -178,11 +181,11 @@ class Reduced:
         turns_y, moved_y, sped_y = (product("bpln,bn->bpl", rho_y, x) for x in motion)
         bent = product("bmpq,bq->bmp", self.bend, moved)
         along = product("bmpq,bp->bmq", self.bend, turns)
-        second = self._whole(-self.grip.solve(product("bmp,bp->bm", bent, turns)[:, :, None]), np.zeros((1, 1)))
+        second = self.whole(-self.grip.solve(product("bmp,bp->bm", bent, turns)[:, :, None]), np.zeros((1, 1)))
         sped = sped + second[:, :, 0]
         right = product("bmpq,bp->bmq", self.bend, second[:, :, 0])[:, :, dependent] + self._third(turns, moved)
         right = right + product("bmp,bpl->bml", bent, turns_y) + product("bmq,bql->bml", along, moved_y)
-        sped_y = sped_y + self._whole(-self.grip.solve(right), np.zeros((1, len(dependent))))
+        sped_y = sped_y + self.whole(-self.grip.solve(right), np.zeros((1, len(dependent))))
         free = _FreeForce(self, turns, moved, sped)
         inner = free.by_theta[:, :, dependent] + product("bpq,bql->bpl", free.by_turns, turns_y)
         inner = inner + product("bpq,bql->bpl", free.by_moved, moved_y)
@@ -194,15 +197,15 @@ class Reduced:
         system = self.system
         bent = product("bmlq,bqn->bmln", self.bend[:, :, system.dependent], self.rho)
         solved = self.grip.solve(bent.reshape(len(bent.mid), system.m, system.m * system.n))
-        whole = self._whole(-solved, np.zeros((1, system.m * system.n)))
+        whole = self.whole(-solved, np.zeros((1, system.m * system.n)))
         return whole.reshape(len(bent.mid), system.n_free, system.m, system.n)
 
     def _third(self, turns: Affine, moved: Affine) -> Affine:
         """∂/∂y_l of φ_q′q′(V, W) at constant V and W, of shape (B, m, m)."""
         total = affine(np.zeros((len(self.theta.mid), self.system.m, self.system.n_free)))
         for tips in self.loops:
-            along = tips.third_along(_gathered(tips.stack, turns), _gathered(tips.stack, moved))
-            total = total + _placed(tips.stack, product("cmx,bclx->bcml", tips.stack.weights, along), 1)
+            along = tips.third_along(gathered(tips.stack, turns), gathered(tips.stack, moved))
+            total = total + placed(tips.stack, product("cmx,bclx->bcml", tips.stack.weights, along), 1)
         return total[:, :, self.system.dependent]
 
     def pairs(self, others: Sequence[Affine]) -> Affine:
@@ -210,10 +213,10 @@ class Reduced:
         total = affine(np.zeros((len(self.theta.mid), self.system.n_free, self.system.n_free)))
         for bodies, tips, other in zip(self.masses.bodies, self.bodies, others, strict=True):
             weighed = product("c,bcix->bcix", bodies.weights, tips.first)
-            total = total + _placed(bodies.stack, product("bcix,bcjx->bcij", weighed, other), 2)
+            total = total + placed(bodies.stack, product("bcix,bcjx->bcij", weighed, other), 2)
         return total
 
-    def _whole(self, dependent: Affine, independent: Array) -> Affine:
+    def whole(self, dependent: Affine, independent: Array) -> Affine:
         """Rows of the dependent and of the independent coordinates in their places, of shape (B, n′, ·)."""
         shape = (len(dependent.mid), self.system.n_free, dependent.mid.shape[2])
         mid, rad, lin = np.zeros(shape), np.zeros(shape), np.zeros((len(dependent.lin), *shape))
@@ -231,13 +234,13 @@ class _FreeForce:
         value, turned = affine(np.zeros((count, n_free))), affine(np.zeros((count, n_free, n_free)))
         by_w, by_v, rising = list[Affine](), list[Affine](), list[Affine]()
         for bodies, tips in zip(at.masses.bodies, at.bodies, strict=True):
-            v, w, a = (_gathered(bodies.stack, rates) for rates in (turns, moved, sped))
+            v, w, a = (gathered(bodies.stack, rates) for rates in (turns, moved, sped))
             by_w.append(product("bcijx,bcj->bcix", tips.second, w))
             by_v.append(product("bcijx,bcj->bcix", tips.second, v))
             speeding = product("bcix,bci->bcx", by_w[-1], v) + product("bcix,bci->bcx", tips.first, a) - bodies.fall
             pull = product("c,bcx->bcx", bodies.weights, speeding)
-            value = value + _placed(bodies.stack, product("bcix,bcx->bci", tips.first, pull), 1)
-            turned = turned + _placed(bodies.stack, product("bcilx,bcx->bcil", tips.second, pull), 2)
+            value = value + placed(bodies.stack, product("bcix,bcx->bci", tips.first, pull), 1)
+            turned = turned + placed(bodies.stack, product("bcilx,bcx->bcil", tips.second, pull), 2)
             rising.append(tips.third_along(v, w) + product("bcljx,bcj->bclx", tips.second, a))
         value = value + product("p,bp->bp", free.armature, sped) + product("p,bp->bp", free.damping, moved)
         self.value = value + product("p,bp->bp", free.stiffness, at.theta - free.rest)
@@ -246,7 +249,7 @@ class _FreeForce:
         self.by_moved = at.pairs(by_v) + np.diag(free.damping)
 
 
-def _placed(stack: ChainStack, local: Affine, rank: int) -> Affine:
+def placed(stack: ChainStack, local: Affine, rank: int) -> Affine:
     """The sum over chains of arrays (B, C, …, k [, k]) over their joints, as one over θ, of shape (B, …, n′ [, n′])."""
     size, count = stack.placement.shape[1] + 1, local.mid.shape[1]
     shape = (len(local.mid), *local.mid.shape[2 : local.mid.ndim - rank], *rank * (size,))
@@ -260,5 +263,5 @@ def _placed(stack: ChainStack, local: Affine, rank: int) -> Affine:
         rad[place] += local.rad[:, c]
         sizes[place] += swing[:, c]
     rad = (rad + 4.0 * (count + 1) * UNIT_ROUNDOFF * sizes) * SLACK
-    placed = Affine(mid, lin, rad, local.boxed)
-    return placed[..., :-1] if rank == 1 else placed[..., :-1, :-1]
+    total = Affine(mid, lin, rad, local.boxed)
+    return total[..., :-1] if rank == 1 else total[..., :-1, :-1]

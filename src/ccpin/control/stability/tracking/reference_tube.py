@@ -7,8 +7,9 @@ before it. What is proposed here the kernel proves: boxes about the cells, glued
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import PPoly
@@ -40,14 +41,14 @@ class ReferenceTube(NamedTuple):
     """A reference's cells.
 
     Attributes:
-        equations: What is claimed of.
+        equations: What is claimed of, whose `motion` is the reference's.
         path: What was proved of the reference itself.
         cells: Its cells.
         centre: σ in the middle of each chord, of shape (K, n′).
         at: The path's boxes that hold these, and where in them: numbers (K,), δ (K, 1 + n).
     """
 
-    equations: TrackingEquations
+    equations: Any
     path: CertifiedPath
     cells: TimeCells
     centre: Array
@@ -76,7 +77,17 @@ class ReferenceTube(NamedTuple):
 
 
 def tube_of(law: TrackingLaw, cells: int) -> ReferenceTube:
+    """A tracking law's reference cut into cells; errors as for `cut_along`."""
+    return cut_along(law, cells, equations_of)
+
+
+def cut_along(law: Any, cells: int, told_of: Callable[[Any, Reading, ReferencePieces], Any]) -> ReferenceTube:
     """Cut a law's reference into cells, and prove σ along it as far as that goes (`ReferenceTube.path` says how far).
+
+    Args:
+        law: The law: its model, its reference, and its configuration `near` q_d(0).
+        cells: How many, about.
+        told_of: What is claimed of a law over closures that are read off its mechanism.
 
     Raises:
         UnsupportedMechanismError: The reference is no piecewise polynomial, or the closures cannot be certified.
@@ -87,7 +98,7 @@ def tube_of(law: TrackingLaw, cells: int) -> ReferenceTube:
     motion = [pieces, pieces.derivative(1), pieces.derivative(2)]
     first = TimeCells.of(motion, times).place
     path = certify_path(law.model.mechanism, pieces, first.deviation.max(axis=0), law.near.q_free)
-    equations = equations_of(law, path.reading, ReferencePieces(pieces.c, pieces.x))
+    equations = told_of(law, path.reading, ReferencePieces(pieces.c, pieces.x))
     own, middle = TimeCells.of(equations.motion, times), 0.5 * (times[1:] + times[:-1])
     _check_told(law.reference, pieces, middle)
     if path.verdict != "proven":

@@ -82,20 +82,20 @@ def gain(storage: Storage, plan: StorageChoice) -> Array:
 def widths(storage: Storage) -> Array:
     """(P⁻¹)_ii^½ at the worst of each cell, of shape (K, 2n); infinite where P may be indefinite."""
     lowest = floor(storage.P)
-    inverse = _inverted(lowest)
+    inverse = inverted(lowest)
     return np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)) * SLACK
 
 
 def _inverse_form(M: Array, S: Array) -> Array:
     """λ_max(SᵀM⁻¹S) of each matrix; infinite where it is not positive definite."""
-    inner = np.swapaxes(S, -1, -2) @ (_inverted(M) @ S)
+    inner = np.swapaxes(S, -1, -2) @ (inverted(M) @ S)
     usable = np.isfinite(inner).all(axis=(1, 2))
     result = np.full(len(M), np.inf)
     result[usable] = np.linalg.eigvalsh(inner[usable])[:, -1] * (1.0 + _CLEAR)
     return result
 
 
-def _inverted(M: Array) -> Array:
+def inverted(M: Array) -> Array:
     """Matrices above the inverses of those (K, k, k) that are proved positive definite; infinite for the others."""
     result = np.full(M.shape, np.inf)
     k = M.shape[1]

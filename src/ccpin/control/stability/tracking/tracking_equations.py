@@ -55,14 +55,14 @@ class TrackingEquations:
         system, (tips, *joints) = self.closures.system, self.free
         chains = row_of(self.closures, tuple(tip.chain for tip in tips)).system.chains if tips else ()
         own = [
-            Tip(chain, float(tip.weight), float(tip.doubt), _vector(tip.fall, 3))
+            Tip(chain, float(tip.weight), float(tip.doubt), finite_vector(tip.fall, 3))
             for chain, tip in zip(chains, tips, strict=True)
         ]
-        free = BodiesOnJoints(tuple(own), *(_vector(values, system.n_free) for values in joints))
+        free = BodiesOnJoints(tuple(own), *(finite_vector(values, system.n_free) for values in joints))
         object.__setattr__(self, "free", free)
-        object.__setattr__(self, "theta", _vector(self.theta, system.n_free))
+        object.__setattr__(self, "theta", finite_vector(self.theta, system.n_free))
         object.__setattr__(self, "feedback", _own_feedback(self.feedback, system.n))
-        object.__setattr__(self, "reference", _own_pieces(self.reference, system))
+        object.__setattr__(self, "reference", own_pieces(self.reference, system))
         weights = np.array([(tip.weight, tip.doubt) for tip in own])
         require(np.isfinite(weights), "bodies without a weight")
         require([tip.doubt >= 0.0 for tip in own], "a weight that is off by less than nothing")
@@ -97,7 +97,7 @@ class TrackingEquations:
         return self.reference, speed, speed.derivative()
 
 
-def _vector(values: Any, size: int) -> Array:
+def finite_vector(values: Any, size: int) -> Array:
     """A copy of finite numbers.
 
     Raises:
@@ -122,7 +122,7 @@ def _own_feedback(feedback: Feedback, n: int) -> Feedback:
     return Feedback(feedback.kind, *(sealed(gain) for gain in gains))
 
 
-def _own_pieces(reference: ReferencePieces, system: ClosureSystem) -> ReferencePieces:
+def own_pieces(reference: ReferencePieces, system: ClosureSystem) -> ReferencePieces:
     """A copy of polynomials from t = 0 on, of which the last rests: it is to go on without end.
 
     Raises:
