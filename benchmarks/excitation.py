@@ -11,18 +11,16 @@ import argparse
 import time
 from pathlib import Path
 
-import numpy as np
-
 import ccpin
 from ccpin.identification import excitation
-from ccpin.identification.felt_combinations import Motions, effects, kinds_of
+from tests.support.random_motions import least_of_random
 
 MODELS = {
     "rpdr": (0.35, 3.0), "four_bar": (0.4, 3.0), "docs/howto/ankle.urdf": (0.2, 2.0), "planar_3rrr": (0.2, 2.0),
     "stewart": (0.05, 0.3), "delta": (0.3, 3.0),
 }  # fmt: skip
 """Half width of the box of q, and speed."""
-DURATION, HARMONICS, SAMPLES = 5.0, 5, 80
+DURATION = 5.0
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -48,37 +46,11 @@ def told(name: str, count: int, starts: int, iterations: int) -> None:
     )
     spent = time.perf_counter() - begin
     print(f"{Path(name).stem}: {found.told}; trace {found.trace:.3g}, share of limits {found.share:.3f}; {spent:.0f} s")
-    condition, trace, left = least_of_random(model, middle, half, speed, count)
+    condition, trace, left = least_of_random(model, (middle, half, speed), DURATION, count)
     print(
         f"  of {count} random motions, {left} leave Ω: condition {condition:.3g}, trace {trace:.3g}",
         flush=True,
     )
-
-
-def least_of_random(
-    model: ccpin.ReducedModel, middle: np.ndarray, half: float, speed: float, count: int
-) -> tuple[float, float, int]:
-    """The least condition number and trace of random motions, and how many left Ω."""
-    n, draw = model.n, np.random.default_rng(5)
-    reach, fastest = np.full(n, half), np.full(n, speed)
-    felt = effects(model, Motions(middle, reach, fastest, fastest * 48.0 / DURATION), kinds_of(model))
-    w = 2.0 * np.pi / DURATION * np.arange(1, HARMONICS + 1)[:, None]
-    sines, cosines = (turn(w * np.linspace(0.0, DURATION, SAMPLES)).T for turn in (np.sin, np.cos))
-    condition = trace = np.inf
-    left = 0
-    for _ in range(count):
-        a, b = draw.normal(size=(2, HARMONICS, n))
-        q, v = sines @ a + cosines @ b, cosines @ (w * a) - sines @ (w * b)
-        size = min(half / np.abs(q).max(), speed / np.abs(v).max())
-        failures: dict[int, str] = {}
-        acceleration = -(sines @ (w**2 * a) + cosines @ (w**2 * b))
-        Y = model.regressor_many(middle + size * q, size * v, size * acceleration, failures=failures)
-        if failures:
-            left += 1
-            continue
-        sizes = np.linalg.svd(felt.reduced(Y), compute_uv=False)
-        condition, trace = min(condition, sizes[0] / sizes[-1]), min(trace, float(np.sum(1.0 / sizes**2)))
-    return condition, trace, left
 
 
 if __name__ == "__main__":
