@@ -242,7 +242,8 @@ def test_a_fact_about_another_law_says_nothing_of_this(certificate):
     other = replace(certificate, law=law_of(K=[5.0, 3.0]))
     assert other.verdict == "undecided"
     assert np.isinf(other.error).all()
-    assert np.isinf(other.mean_square(1.0)).all()
+    for numbers in (other.mean_square(np.inf), other.efforts, other.ultimate, other.sliding):
+        assert np.isinf(numbers).all()
     assert "this law" in other.reason
     loaded = replace(certificate, proved=pickle.loads(pickle.dumps(certificate.proved)))
     assert loaded.verdict == "undecided"

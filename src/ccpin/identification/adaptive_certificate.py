@@ -116,9 +116,10 @@ class AdaptiveCertificate(Judged):
     @property
     def efforts(self) -> Array:
         """What the law asks of each motor at most, whatever the robot and the estimate, of shape (motors,)."""
-        n = self.law.model.n
-        force = self._found("efforts", len(self._tube.cells.kicks), n).max(axis=0)
-        return np.asarray(np.abs(_motors_of(self.law)) @ force * SLACK)
+        share = np.abs(_motors_of(self.law))
+        if self._known is None:
+            return np.full(len(share), np.inf)
+        return np.asarray(share @ self._known.found["efforts"].max(axis=0) * SLACK)
 
     def mean_square(self, duration: float) -> Array:
         """A bound of the mean of s_i² over the first `duration` seconds, samples whole, of shape (n,).
@@ -128,7 +129,9 @@ class AdaptiveCertificate(Judged):
         Args:
             duration: t, s; infinity for what is left.
         """
-        first, power = (float(self._found(name, 1)[0]) for name in ("first", "power"))
+        if self._known is None:
+            return np.full(self.law.model.n, np.inf)
+        first, power = (self._known.found[name][0] for name in ("first", "power"))
         return np.asarray((first / duration + power) / np.diag(self.law.K) * SLACK)
 
 

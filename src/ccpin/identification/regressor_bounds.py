@@ -97,7 +97,13 @@ class RegressorBounds:
     """
 
     def __init__(
-        self, system: ClosureSystem, masses: Masses, frames: Sequence[BodyFrames], gravity: Array, theta: Affine, v: Affine
+        self,
+        system: ClosureSystem,
+        masses: Masses,
+        frames: Sequence[BodyFrames],
+        gravity: Array,
+        theta: Affine,
+        v: Affine,
     ) -> None:
         self.frames, self.gravity, self.v = frames, gravity, v
         self.at = Reduced(system, masses, theta)

@@ -212,7 +212,7 @@ ROOMS: tuple[Room, ...] = (
         "control/stability/tracking/motion_bounds",
         (
             "Tips.third_along",
-            "tips_of",
+            *("tips_of", "gathered"),
             "Reduced.__init__",
             "Reduced.free_inertia",
             "Reduced.coriolis",
