@@ -1,17 +1,21 @@
 """From a robot's log to its model: motions that show it, what was measured, what can be identified, and constants."""
 
 from ccpin.dynamics.changed_constants import with_constants
+from ccpin.identification.calibration import calibrate
 from ccpin.identification.consistency import consistent
 from ccpin.identification.estimation import identify
 from ccpin.identification.exciting_motions import excitation
 from ccpin.identification.explained_efforts import explained
 from ccpin.identification.identifiable import base_parameters
 from ccpin.identification.log import Log
+from ccpin.identification.sensors import Sensor
 from ccpin.identification.smoothing import smoothed
 
 __all__ = [
     "Log",
+    "Sensor",
     "base_parameters",
+    "calibrate",
     "consistent",
     "excitation",
     "explained",
