@@ -2,6 +2,7 @@
 
 from ccpin.dynamics.changed_constants import with_constants
 from ccpin.identification.calibration import calibrate
+from ccpin.identification.calibration_poses import calibration_poses
 from ccpin.identification.consistency import consistent
 from ccpin.identification.estimation import identify
 from ccpin.identification.exciting_motions import excitation
@@ -16,6 +17,7 @@ __all__ = [
     "Sensor",
     "base_parameters",
     "calibrate",
+    "calibration_poses",
     "consistent",
     "excitation",
     "explained",

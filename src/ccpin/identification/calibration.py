@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, instance
+from ccpin.arrays import Array, instance, positive
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.identification.geometry_fit import GeometryFit, identified, settled
@@ -28,6 +28,7 @@ def calibrate(
     parameters: Sequence[str] | None = None,
     known: Sequence[str] = (),
     priors: Mapping[str, float] | None = None,
+    coarsest: float = 5e-3,
 ) -> IdentifiedGeometry:
     """The geometry that N poses speak for: of encoders, and a tracker, points touched or closures alone.
 
@@ -48,6 +49,8 @@ def calibrate(
         parameters: What is unknown of the geometry; default all but turns.
         known: What of these is right in the file.
         priors: Standard deviations of what the file states, by names of numbers, in their units.
+        coarsest: A direction of numbers that is known no better than this (of the mechanism's extent, or rad) counts
+            as not observable and stays as the file has it: about what files are off.
 
     Returns:
         Numbers, their covariance and intervals, what is not observable, and the mechanism's description with them.
@@ -67,15 +70,10 @@ def calibrate(
     if len({len(each) for each in values}) > 1 or not len(values[0]):
         counts = ", ".join(f"{len(said)} of {each.name}" for each, said in zip(sensors, values, strict=True))
         raise InvalidInputError(f"measurements must be of the same poses: there are {counts}")
-    for each, said in zip(sensors, values, strict=True):
-        if isinstance(each, Encoders) and set(each.joints) & set(model.mechanism.independent) and np.isnan(said).any():
-            raise InvalidInputError(
-                f"{each.name}: {', '.join(model.mechanism.independent)} must be measured throughout"
-            )
     told = instance({} if priors is None else priors, "priors", Mapping, "a mapping of names to standard deviations")
-    fit = GeometryFit(
-        model, unknown_geometry(model, sensors, parameters, known), sensors_at(model, sensors), values, told
-    )
+    limit = positive(coarsest, "coarsest")
+    numbers = unknown_geometry(model, sensors, parameters, known)
+    fit = GeometryFit(model, numbers, sensors_at(model, sensors), encoded(model, sensors, values), values, told, limit)
     found = settled(fit)
     residuals = np.where(fit.said, found.estimate.left * fit.noise, np.nan)
     return identified(fit, found, residuals)
@@ -118,6 +116,24 @@ def measured_model(model: ReducedModel, sensors: Sequence[SensorKind]) -> Reduce
         driven = with_independent(mechanism, mechanism.actuated, mechanism.q_reference)
         model = ReducedModel(driven, model.gravity_vector)
     return model
+
+
+def encoded(model: ReducedModel, sensors: Sequence[SensorKind], measured: Sequence[Array]) -> Array:
+    """The independent joints' displacements that encoders said, of shape (N, n).
+
+    Raises:
+        InvalidInputError: One of them was not measured at a pose.
+    """
+    said = {
+        name: values[:, k]
+        for each, values in zip(sensors, measured, strict=True)
+        if isinstance(each, Encoders)
+        for k, name in enumerate(each.joints)
+    }
+    q = np.stack([said[name] for name in model.mechanism.independent], axis=1)
+    if np.isnan(q).any():
+        raise InvalidInputError(f"measurements: {', '.join(model.mechanism.independent)} must be measured throughout")
+    return q
 
 
 def _measured(pair: Any, place: int) -> tuple[SensorKind, Array]:

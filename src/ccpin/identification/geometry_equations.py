@@ -123,7 +123,7 @@ class GeometryEquations:
             ConvergenceError: It does not close at one of them, or a singular configuration is in the way.
         """
         try:
-            found = self._model.sigma_many(np.array([self._coordinates(each) for each in q]))
+            found = self._model.sigma_many(coordinates_at(self._model, q))
         except CcpinError as error:
             raise ConvergenceError(f"the stated linkage cannot be moved to all poses: {error}") from error
         x = np.array([self._own.numbers(q_free) for q_free in found])
@@ -159,13 +159,14 @@ class GeometryEquations:
         moved[:, :, n:] += slopes[:, m:, size:]
         return ClosedPoses(x, by[:, :, :n], by[:, :, n:], values[:, m:], moved[:, :, :n], moved[:, :, n:], own)
 
-    def _coordinates(self, q: Array) -> Array:
-        """The coordinates as the model has them, of joints' displacements: of a circle (cos, sin)."""
-        found = list[float]()
-        for part in self._model.coordinates.parts:
-            angle = q[part.v]
-            found += [np.cos(angle[0]), np.sin(angle[0])] if part.whole is not None else angle.tolist()
-        return np.array(found)
+
+def coordinates_at(model: ReducedModel, q: Array) -> Array:
+    """The coordinates as a model has them, of joints' displacements of shape (N, n): of a circle (cos, sin)."""
+    columns = list[Array]()
+    for part in model.coordinates.parts:
+        moved = q[:, part.v]
+        columns += [np.cos(moved), np.sin(moved)] if part.whole is not None else [moved]
+    return np.concatenate(columns, axis=1)
 
 
 class _Slopes:

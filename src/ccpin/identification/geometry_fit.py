@@ -11,11 +11,12 @@ the first of all poses at once, hold no q any more: Gauss–Newton's step. It st
 encoders say, and no step is taken on which the sum of squares grows. What a prior states of a number is one more row.
 
 **What is observable.** Lengths count in the mechanism's extent, angles in radians, and W, the rows Q₂ᵀB in these units,
-is taken apart, W = U diag(σ) Vᵀ: along V's columns p is known to 1/σ. Where that is more than 0.05 (of the extent, or
-rad), or σ within rounding of 0, nothing is known: gauge freedoms, which change nothing measured (the size of a linkage
-that only turns, the origin of a hinge along its axis, a robot moved in the tracker's view), and what these poses do
-not show. Such directions stay as the file has them: every step is the shortest that solves the equations. The
-covariance is that of the others, V σ⁻² Vᵀ, and a number that unobservable directions change has none.
+is taken apart, W = U diag(σ) Vᵀ: along V's columns p is known to 1/σ. Where that is more than the coarsest error that
+counts (of the extent, or rad), or σ within rounding of 0, nothing is known: gauge freedoms, which change nothing
+measured (the size of a linkage that only turns, the origin of a hinge along its axis, a robot moved in the tracker's
+view), and what these poses do not show. Such directions stay as the file has them: every step is the shortest that
+solves the equations. The covariance is that of the others, V σ⁻² Vᵀ, and a number that unobservable directions change
+has none.
 """
 
 from __future__ import annotations
@@ -31,11 +32,10 @@ from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, Unsupp
 from ccpin.identification.geometry_equations import ClosedPoses, GeometryEquations, Recorded
 from ccpin.identification.geometry_numbers import changed_mechanism, named_numbers
 from ccpin.identification.identified_geometry import ROUNDING, IdentifiedGeometry
-from ccpin.identification.sensor_kinds import Encoders, SensorKind, Tracker
+from ccpin.identification.sensor_kinds import SensorKind, Tracker
 from ccpin.programs.recording.constants import Parameter
 from ccpin.programs.tape import Expression
 
-_KNOWN = 0.05  # of the extent, or rad: a standard deviation above says nothing that the file does not
 _SETTLED = 1e-6  # of standard deviations: a step this short ends the iteration
 _FAR = 0.25  # of the extent, or rad: a file whose numbers are farther off is of another mechanism
 _UNFIT = 10.0  # of the noise stated: larger residuals are no noise
@@ -85,8 +85,10 @@ class GeometryFit:
         model: The mechanism as its file states it, in coordinates that encoders measure.
         geometry: The numbers of its geometry that are unknown.
         sensors: What is measured, at this mechanism.
-        measured: What they said, `SensorKind.values` of N poses each.
+        q: About where the independent joints are at the poses, of shape (N, n).
+        measured: What the sensors said, `SensorKind.values` of N poses each; ``None``: what they would say.
         priors: Standard deviations of what the file states, by names of numbers.
+        coarsest: What is known no better than this, of the extent or rad, counts as not known.
 
     Raises:
         InvalidInputError: Nothing is unknown, or a prior of nothing.
@@ -99,8 +101,10 @@ class GeometryFit:
         model: ReducedModel,
         geometry: Sequence[Parameter],
         sensors: Sequence[SensorKind],
-        measured: Sequence[Array],
+        q: Array,
+        measured: Sequence[Array] | None,
         priors: Mapping[str, float],
+        coarsest: float,
     ) -> None:
         mechanism = model.mechanism
         if mechanism.constraints().size != mechanism.n_free - mechanism.n:
@@ -109,14 +113,17 @@ class GeometryFit:
                 "not close, so that single lengths cannot be identified; state closures that are not redundant "
                 "(spherical)"
             )
-        self.model, self.geometry, self.measured = model, tuple(geometry), tuple(measured)
+        self.model, self.geometry, self.coarsest = model, tuple(geometry), coarsest
         self._watched = list[slice]()
         self.equations = GeometryEquations(model, self.geometry, self._watching(sensors))
         stated = np.array([each.value for each in self.geometry])
-        first = self.equations.closed(self.equations.start(self._encoded(sensors)), stated)
+        first = self.equations.closed(self.equations.start(q), stated)
+        seen = [first.seen[:, where] for where in self._watched]
+        if measured is None:
+            measured = [each.shown(what) for each, what in zip(sensors, seen, strict=True)]
+        self.measured = tuple(measured)
         self.sensors = tuple(
-            each.placed(first.seen[:, where], values)
-            for each, where, values in zip(sensors, self._watched, measured, strict=True)
+            each.placed(what, said) for each, what, said in zip(sensors, seen, self.measured, strict=True)
         )
         own = [each.unknowns(model) for each in self.sensors]
         self.unknowns = (*self.geometry, *(number for each in own for number in each))
@@ -218,16 +225,6 @@ class GeometryFit:
 
         return watch
 
-    def _encoded(self, sensors: Sequence[SensorKind]) -> Array:
-        """The independent joints' displacements that encoders said, of shape (N, n)."""
-        said = {
-            name: values[:, k]
-            for each, values in zip(sensors, self.measured, strict=True)
-            if isinstance(each, Encoders)
-            for k, name in enumerate(each.joints)
-        }
-        return np.stack([said[name] for name in self.model.mechanism.independent], axis=1)
-
 
 class SettledFit(NamedTuple):
     """Where Gauss–Newton settled, how many directions are observable, and how many steps were taken."""
@@ -258,13 +255,13 @@ def settled(fit: GeometryFit) -> SettledFit:
     raise ConvergenceError(f"the geometry did not settle in {_MOST_STEPS} steps; {_OTHER}")
 
 
-def observable_directions(s: Array) -> int:
-    """How many of singular values, the largest first, are of directions that are known."""
-    return int((s > max(1.0 / _KNOWN, ROUNDING * s[0])).sum())
+def observable_directions(s: Array, coarsest: float) -> int:
+    """How many of singular values, the largest first, are of directions that are known better."""
+    return int((s > max(1.0 / coarsest, ROUNDING * s[0])).sum())
 
 
 def _observable(fit: GeometryFit, s: Array) -> int:
-    rank, count, equations = observable_directions(s), len(fit.said), fit.equations_left
+    rank, count, equations = observable_directions(s, fit.coarsest), len(fit.said), fit.equations_left
     if not rank:
         names = ", ".join(each.name for each in fit.unknowns)
         raise InvalidInputError(f"nothing of {names} is observable at these {count} poses")

@@ -89,6 +89,10 @@ class SensorKind(Record):
         """s."""
         raise NotImplementedError
 
+    def shown(self, seen: Array) -> Array:
+        """What it would say of s of shape (N, w), its own numbers as stated."""
+        return seen
+
     def placed(self, seen: Array, values: Array) -> SensorKind:
         """The sensor where it stands as far as the file's geometry says, of s of shape (N, w)."""
         return self
@@ -195,6 +199,11 @@ class Tracker(SensorKind):
         shown = (axes.reshape(-1, 3, 3), measured.reshape(-1, 3, 3)) if self._turns else (np.empty((0, 3, 3)),) * 2
         return replace(self, base=best_frame(self._points(seen[said], self.point), values[said, :3], *shown))
 
+    def shown(self, seen: Array) -> Array:
+        """Positions, and axes."""
+        points = self._points(seen, self.point)
+        return np.concatenate([points, seen[:, 3:12]], axis=1) if self._turns else points
+
     def frame(self, own: Array) -> Array:
         """The world in the sensor's axes, of shape (4, 4)."""
         found = np.array(self.base)
@@ -249,10 +258,15 @@ class Plane(SensorKind):
         """The point."""
         return list(recorded.pose(self.link, self.point)[0])
 
+    def shown(self, seen: Array) -> Array:
+        """Heights."""
+        return (seen @ self.normal - self.distance)[:, None]
+
     def compared(self, values: Array, seen: Array, own: Array) -> Compared:
         """m − nᵀx + d."""
-        left = values - (seen @ self.normal - self.distance)[:, None]
-        return Compared(left, np.broadcast_to(self.normal, (len(seen), 1, 3)), np.zeros((len(seen), 1, 0)))
+        return Compared(
+            values - self.shown(seen), np.broadcast_to(self.normal, (len(seen), 1, 3)), np.zeros((len(seen), 1, 0))
+        )
 
 
 @dataclass(frozen=True)
@@ -275,6 +289,10 @@ class Bar(SensorKind):
     def watched(self, recorded: Recorded) -> list[Expression]:
         """The point."""
         return list(recorded.pose(self.link, self.point)[0])
+
+    def shown(self, seen: Array) -> Array:
+        """Distances."""
+        return np.asarray(np.linalg.norm(seen - self.centre, axis=1, keepdims=True))
 
     def compared(self, values: Array, seen: Array, own: Array) -> Compared:
         """m − |x − c|."""

@@ -25,6 +25,7 @@ from ccpin.identification.sensors import deviations
 from ccpin.transmission.transmission import Transmission
 
 _DEFAULT_NOISE = np.radians(0.02)
+_COARSEST = 0.05  # of the extent, or rad: a standard deviation above says nothing that the file does not
 
 
 def identify_geometry(
@@ -85,7 +86,7 @@ def identify_geometry(
     sides = zip(spreads, (transmission.motors, transmission.joints), both, strict=True)
     encoders = sensors_at(model, [Encoders("encoders", *side) for side in sides])
     numbers = unknown_numbers(numbers_on_loops(model), parameters, known)
-    fit = GeometryFit(model, numbers, encoders, (motors, joints), told)
+    fit = GeometryFit(model, numbers, encoders, joints, (motors, joints), told, _COARSEST)
     found = settled(fit)
     here = found.estimate
     left = here.left * fit.noise
