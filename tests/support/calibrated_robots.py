@@ -111,8 +111,9 @@ class Robot:
 
     def calibrated(self, built, q, rng, noise=1.0, **options):
         """The geometry found of it."""
-        chosen = {"parameters": self.poses.base, "coarsest": COARSEST} | options
-        return calibrate(self.stated, self.measured(built, q, rng, noise), **chosen)
+        if "parameters" not in options:
+            options["parameters"] = self.poses.base
+        return calibrate(self.stated, self.measured(built, q, rng, noise), **({"coarsest": COARSEST} | options))
 
 
 def tool(model, link, point, q):

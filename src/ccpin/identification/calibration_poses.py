@@ -98,8 +98,9 @@ def calibration_poses(
     q = _candidates(model, _box(within, model.n), whole(candidates, "candidates"), whole(seed, "seed", 0))
     if len(q) < count:
         raise InvalidInputError(f"{len(q)} candidates within these limits close, and {count} poses are wanted")
+    sensors = sensors_at(model, sensors)
     numbers = unknown_geometry(model, sensors, parameters, known)
-    fit = GeometryFit(model, numbers, sensors_at(model, sensors), q, None, {}, limit)
+    fit = GeometryFit(model, numbers, sensors, q, None, {}, limit)
     W = fit.reduced(fit.first).W.reshape(len(q), -1, len(fit.unknowns))
     s, V = np.linalg.svd(W.reshape(-1, W.shape[2]), full_matrices=False)[1:]
     rank = observable_directions(s * np.sqrt(count / len(q)), limit)
@@ -170,8 +171,8 @@ def _base(rows: Array, k: int, coarsest: float) -> list[int]:
 
     def known(numbers: list[int]) -> int:
         chosen = rows[:, [*numbers, *range(k, rows.shape[1])]]
-        s: Array = np.linalg.svd(chosen, compute_uv=False)
-        return observable_directions(s, coarsest) if len(s) else 0
+        s = np.asarray(np.linalg.svd(chosen, compute_uv=False), dtype=np.float64)
+        return observable_directions(s, coarsest)
 
     found: list[int] = order[: min(rows.shape)]
     while found and known(found) < known([]) + len(found):

@@ -257,7 +257,7 @@ def settled(fit: GeometryFit) -> SettledFit:
 
 def observable_directions(s: Array, coarsest: float) -> int:
     """How many of singular values, the largest first, are of directions that are known better."""
-    return int((s > max(1.0 / coarsest, ROUNDING * s[0])).sum())
+    return int((s > max(1.0 / coarsest, ROUNDING * s.max(initial=0.0))).sum())
 
 
 def _observable(fit: GeometryFit, s: Array) -> int:
