@@ -16,7 +16,6 @@ import time
 import numpy as np
 
 from ccpin.identification import Sensor, calibrate, calibration_poses
-from ccpin.identification.geometry_numbers import numbers_that_count
 from tests.support.calibrated_robots import COARSEST, ENCODER, INSIDE, TOOLS, Robot, deviations, tool_errors
 from tests.support.random_poses import random_observability
 
@@ -44,7 +43,7 @@ def main() -> None:
         )
         best = random_observability(robot, 1000).max()
         print(f"  poses: O₁ {robot.poses.observability:.0f}, the best of 1,000 random sets {best:.0f}")
-        every, errors = everything(robot), []
+        every, errors = robot.everything, []
         for _ in range(max(1, asked.runs // 40)):
             built = robot.built(rng, every)
             found = robot.calibrated(built, robot.poses.q, rng, parameters=every)
@@ -55,12 +54,6 @@ def main() -> None:
         )
     if "rpdr" in asked.robots:
         alone(asked.runs)
-
-
-def everything(robot: Robot) -> list[str]:
-    """All origins and turns that count."""
-    every = numbers_that_count(robot.stated, [robot.link])
-    return [each.name for each in every if each.of.rpartition("/")[0] not in robot.known]
 
 
 def alone(runs: int) -> None:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import ccpin
 from ccpin.identification import Sensor, calibrate, calibration_poses
+from ccpin.identification.geometry_numbers import numbers_that_count
 from ccpin.kinematics.points import LinkPoint
 
 INSIDE = 1.959964  # standard deviations: 95 % of normal errors are within
@@ -76,6 +77,12 @@ class Robot:
             self.stated, 40, measure=self.sensors, within=self.box, parameters=["origin", "turn"],
             known=self.known, coarsest=COARSEST,
         )  # fmt: skip
+
+    @property
+    def everything(self):
+        """All origins and turns that count."""
+        every = numbers_that_count(self.stated, [self.link])
+        return [each.name for each in every if each.of.split("/")[0] not in self.known]
 
     def built(self, rng, numbers=None):
         """One whose numbers (default those that the poses determine) are off, as are its encoders."""

@@ -36,7 +36,7 @@ _MOST_STEPS = 12  # of Newton
 _CLOSED = 1e-12  # of the extent, or rad
 
 
-class Recorded(NamedTuple):
+class OpenGeometry(NamedTuple):
     """A mechanism of open geometry on a tape, of which sensors take what they see.
 
     Attributes:
@@ -94,7 +94,7 @@ class GeometryEquations:
     """
 
     def __init__(
-        self, model: ReducedModel, numbers: Sequence[Parameter], watch: Callable[[Recorded], Sequence[Expression]]
+        self, model: ReducedModel, numbers: Sequence[Parameter], watch: Callable[[OpenGeometry], Sequence[Expression]]
     ) -> None:
         reference = model.mechanism.q_reference
         self._model, self._own = model, numbering(model, reference)
@@ -105,10 +105,10 @@ class GeometryEquations:
         rows = all_rows(tape, model, own, x, constants)
         phi = closure_equations(tape, own, x, [rows[row] for row in independent_rows(model, reference)[0]])
         joints = constants.joints(own.joints)
-        seen = list(watch(Recorded(tape, model.mechanism.tree, joints, x, poses(tape, joints, x))))
+        seen = list(watch(OpenGeometry(tape, model.mechanism.tree, joints, x, poses(tape, joints, x))))
         self._q, self._y = list(own.q.places), list(own.dependent)
-        self._newton = _Slopes(tape, phi, self._y)
-        self._whole = _Slopes(tape, [*phi, *seen], range(size + k))
+        self._newton = _WithSlopes(tape, phi, self._y)
+        self._whole = _WithSlopes(tape, [*phi, *seen], range(size + k))
         self._tolerance = _CLOSED * max(1.0, model.mechanism.constraints().extent)
 
     @property
@@ -169,7 +169,7 @@ def coordinates_at(model: ReducedModel, q: Array) -> Array:
     return np.concatenate(columns, axis=1)
 
 
-class _Slopes:
+class _WithSlopes:
     """Expressions and their derivatives by some inputs, over many rows."""
 
     def __init__(self, tape: Tape, expressions: Sequence[Expression], columns: Sequence[int]) -> None:

@@ -29,7 +29,7 @@ import numpy as np
 from ccpin.arrays import Array, FrozenMapping, positive
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, UnsupportedMechanismError
-from ccpin.identification.geometry_equations import ClosedPoses, GeometryEquations, Recorded
+from ccpin.identification.geometry_equations import ClosedPoses, GeometryEquations, OpenGeometry
 from ccpin.identification.geometry_numbers import changed_mechanism, named_numbers
 from ccpin.identification.identified_geometry import ROUNDING, IdentifiedGeometry
 from ccpin.identification.sensor_kinds import SensorKind, Tracker
@@ -214,8 +214,8 @@ class GeometryFit:
             part *= 0.5
         raise ConvergenceError(f"no step from the geometry reached makes residuals smaller{blocked}; {_OTHER}")
 
-    def _watching(self, sensors: Sequence[SensorKind]) -> Callable[[Recorded], list[Expression]]:
-        def watch(recorded: Recorded) -> list[Expression]:
+    def _watching(self, sensors: Sequence[SensorKind]) -> Callable[[OpenGeometry], list[Expression]]:
+        def watch(recorded: OpenGeometry) -> list[Expression]:
             found = list[Expression]()
             for each in sensors:
                 seen = each.watched(recorded)

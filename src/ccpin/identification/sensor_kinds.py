@@ -22,14 +22,14 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, Record, numbers
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
-from ccpin.identification.geometry_equations import Recorded
+from ccpin.identification.geometry_equations import OpenGeometry
 from ccpin.identification.geometry_numbers import offset_of
 from ccpin.identification.sensor_frames import best_frame, turn_between, turn_slopes, turned
 from ccpin.programs.recording.constants import Parameter
 from ccpin.programs.tape import Expression
 
 
-class Compared(NamedTuple):
+class LeftOver(NamedTuple):
     """What a sensor leaves, and what it is to first order.
 
     Attributes:
@@ -85,7 +85,7 @@ class SensorKind(Record):
         """b."""
         return ()
 
-    def watched(self, recorded: Recorded) -> list[Expression]:
+    def watched(self, recorded: OpenGeometry) -> list[Expression]:
         """s."""
         raise NotImplementedError
 
@@ -97,7 +97,7 @@ class SensorKind(Record):
         """The sensor where it stands as far as the file's geometry says, of s of shape (N, w)."""
         return self
 
-    def compared(self, values: Array, seen: Array, own: Array) -> Compared:
+    def compared(self, values: Array, seen: Array, own: Array) -> LeftOver:
         """ε at s of shape (N, w) and b of shape (e,)."""
         raise NotImplementedError
 
@@ -123,11 +123,11 @@ class Encoders(SensorKind):
         units = {joint.name: "m" if joint.kind.slides[0] else "rad" for joint in model.mechanism.tree.joints}
         return tuple(offset_of(name, units[name]) for name in self.offsets)
 
-    def watched(self, recorded: Recorded) -> list[Expression]:
+    def watched(self, recorded: OpenGeometry) -> list[Expression]:
         """The displacements."""
         return [recorded.displacement(name) for name in self.joints]
 
-    def compared(self, values: Array, seen: Array, own: Array) -> Compared:
+    def compared(self, values: Array, seen: Array, own: Array) -> LeftOver:
         """q̂ − q − o."""
         d, by_own = len(self.joints), np.zeros((len(self.joints), len(self.offsets)))
         for k, name in enumerate(self.offsets):
@@ -136,7 +136,7 @@ class Encoders(SensorKind):
         round_one = left[:, list(self.circles)]
         left[:, list(self.circles)] = np.remainder(round_one + np.pi, 2.0 * np.pi) - np.pi
         same = np.broadcast_to(np.eye(d), (len(seen), d, d))
-        return Compared(left, same, np.broadcast_to(by_own, (len(seen), *by_own.shape)))
+        return LeftOver(left, same, np.broadcast_to(by_own, (len(seen), *by_own.shape)))
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class Tracker(SensorKind):
             found += [_origin(f"{self.name}/target/{axis}", self.point[k]) for k, axis in enumerate("xyz")]
         return tuple(found)
 
-    def watched(self, recorded: Recorded) -> list[Expression]:
+    def watched(self, recorded: OpenGeometry) -> list[Expression]:
         """The point (of an unknown target the link's origin), and where they count its axes."""
         x, axes = recorded.pose(self.link, (0.0, 0.0, 0.0) if self.target else self.point)
         return [*x, *(axes.ravel() if self._turns or self.target else ())]
@@ -211,7 +211,7 @@ class Tracker(SensorKind):
             found[:3, :3], found[:3, 3] = turned(own[3:6])[0] @ self.base[:3, :3], own[:3]
         return found
 
-    def compared(self, values: Array, seen: Array, own: Array) -> Compared:
+    def compared(self, values: Array, seen: Array, own: Array) -> LeftOver:
         """Positions, then turns."""
         count, w, d = len(seen), seen.shape[1], len(self.noise)
         a = own[6 * self.free :] if self.target else self.point
@@ -234,7 +234,7 @@ class Tracker(SensorKind):
             by_seen[:, 3:, 3:12] = -turn_slopes(B.T @ measured)
             for k, slope in enumerate(slopes):
                 by_own[:, 3:, 3 + k] = -turn_between(axes, slope.T @ measured)
-        return Compared(left, by_seen, by_own)
+        return LeftOver(left, by_seen, by_own)
 
     def _points(self, seen: Array, a: Array) -> Array:
         return seen[:, :3] + seen[:, 3:12].reshape(-1, 3, 3) @ a if self.target else seen[:, :3]
@@ -254,7 +254,7 @@ class Plane(SensorKind):
         """The link."""
         return (self.link,)
 
-    def watched(self, recorded: Recorded) -> list[Expression]:
+    def watched(self, recorded: OpenGeometry) -> list[Expression]:
         """The point."""
         return list(recorded.pose(self.link, self.point)[0])
 
@@ -262,9 +262,9 @@ class Plane(SensorKind):
         """Heights."""
         return (seen @ self.normal - self.distance)[:, None]
 
-    def compared(self, values: Array, seen: Array, own: Array) -> Compared:
+    def compared(self, values: Array, seen: Array, own: Array) -> LeftOver:
         """m − nᵀx + d."""
-        return Compared(
+        return LeftOver(
             values - self.shown(seen), np.broadcast_to(self.normal, (len(seen), 1, 3)), np.zeros((len(seen), 1, 0))
         )
 
@@ -286,7 +286,7 @@ class Bar(SensorKind):
         """Where the ball is."""
         return tuple(_origin(f"{self.name}/{axis}", self.centre[k]) for k, axis in enumerate("xyz"))
 
-    def watched(self, recorded: Recorded) -> list[Expression]:
+    def watched(self, recorded: OpenGeometry) -> list[Expression]:
         """The point."""
         return list(recorded.pose(self.link, self.point)[0])
 
@@ -294,12 +294,12 @@ class Bar(SensorKind):
         """Distances."""
         return np.asarray(np.linalg.norm(seen - self.centre, axis=1, keepdims=True))
 
-    def compared(self, values: Array, seen: Array, own: Array) -> Compared:
+    def compared(self, values: Array, seen: Array, own: Array) -> LeftOver:
         """m − |x − c|."""
         away = seen - own
         size = np.linalg.norm(away, axis=1, keepdims=True)
         way = (away / size)[:, None, :]
-        return Compared(values - size, way, -way)
+        return LeftOver(values - size, way, -way)
 
 
 def _rows(measured: object, name: str, columns: int) -> Array:
