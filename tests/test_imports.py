@@ -187,7 +187,7 @@ FACES = (
     "ccpin.errors",
     *(module for module, path in MODULES.items() if path.name == "__init__.py"),
 )
-MOST_PUBLIC = 194
+MOST_PUBLIC = 197
 
 
 def test_public_names_exist():

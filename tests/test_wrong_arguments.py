@@ -399,6 +399,9 @@ def _identification(b):
     law = {"model": b.model, "reference": b.tracking.reference, "slope": 9.0, "K": [0.5, 0.5], "gain": 1.0}
     law |= {"period": 1e-3, "adapted": ("body",), "bounds": 0.2, "initial": np.ones(4), "near": None}
     adaptive = identification.AdaptiveTracking(**law)
+    encoders = identification.Sensor.encoders(names, 1e-3)
+    four = identification.Sensor.encoders(["joint1", "joint2", "joint3", "joint4"], 1e-3, offsets=())
+    q_free, at = b.model.sigma_many(q[:20]), {"link": "link3", "point": (0.3, 0.0, 0.0)}
     return {
         "AdaptiveTracking": (identification.AdaptiveTracking, law),
         "AdaptiveTracking.constants": (adaptive.constants, {"estimate": np.ones(4)}),
@@ -416,6 +419,28 @@ def _identification(b):
         "explained": (
             identification.explained,
             {"model": b.model, "parameters": b.model.parameters, "log": log} | smoothing,
+        ),
+        "Sensor": (identification.Sensor, {"kind": encoders.kind}),
+        "Sensor.encoders": (identification.Sensor.encoders, {"joints": names, "noise": 1e-3, "offsets": None}),
+        "Sensor.tracker": (
+            identification.Sensor.tracker,
+            at | {"noise": 1e-3, "turn_noise": None, "target": False, "name": "tracker"},
+        ),
+        "Sensor.touch": (identification.Sensor.touch, at | {"noise": 1e-3, "name": "touch"}),
+        "Sensor.plane": (
+            identification.Sensor.plane,
+            at | {"normal": (0.0, 0.0, 1.0), "distance": 0.0, "noise": 1e-3, "name": "plane"},
+        ),
+        "Sensor.bar": (identification.Sensor.bar, at | {"centre": np.zeros(3), "noise": 1e-3, "name": "bar"}),
+        "calibrate": (
+            identification.calibrate,
+            {"model": b.model, "measurements": [(four, q_free[:, [0, 2, 1, 3]])], "parameters": ["joint3/x"]}
+            | {"known": (), "priors": None, "coarsest": 0.1},
+        ),
+        "calibration_poses": (
+            identification.calibration_poses,
+            {"model": b.model, "count": 4, "measure": [four], "within": (b.q - 0.1, b.q + 0.1), "known": ()}
+            | {"parameters": ["joint3/x"], "candidates": 9, "coarsest": 0.1, "seed": 0},
         ),
         "identify": (identification.identify, {"model": b.model, "logs": [log], "kinds": ("inertia",)} | smoothing),
         "Log": (identification.Log, {"t": t, "columns": columns, "source": "a log"}),

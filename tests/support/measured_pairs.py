@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ccpin.identification.geometry_numbers import numbers_on_loops
 from ccpin.transmission import Transmission, identify_geometry
-from ccpin.transmission.geometry_numbers import numbers_on_loops
 from tests.oracles.linkages import Ankle, Knee, about_x, about_y, crank_angle
 from tests.support.linkage_models import transmission_of
 
@@ -34,7 +34,7 @@ class Linkage(NamedTuple):
     @property
     def stated(self):
         """The file's numbers."""
-        found = {each.name: each.value for each in numbers_on_loops(self.transmission)}
+        found = {each.name: each.value for each in numbers_on_loops(self.transmission.joint_model)}
         return np.array([found[name] for name in self.numbers])
 
     def measured(self, truth, count, rng, noise=NOISE):

@@ -82,7 +82,7 @@ def test_what_angles_do_not_tell():
     motors, joints = linkage.measured(linkage.stated, 40, np.random.default_rng(1), noise=0.0)
     found = identify_geometry(linkage.transmission, motors, joints)
     assert found.unobservable[0].startswith("the size of the whole")
-    assert "origin:rod_swing/y alone (no angle changes)" in found.unobservable
+    assert "origin:rod_swing/y alone (nothing measured changes)" in found.unobservable
     assert any("lever/B/z" in each and "hardly" in each for each in found.unobservable)
     assert not found.determined.all()
     assert np.isinf(found.standard_deviations[~found.determined]).all()
@@ -167,7 +167,7 @@ def test_a_rod_of_stated_length():
     [
         ({"motors": np.zeros((5, 2))}, "motor_positions"),
         ({"joints": np.full((20, 1), np.nan)}, "joint_positions"),
-        ({"count": 3}, "measure more pairs"),
+        ({"count": 3}, "measure more poses"),
         ({"motors": np.zeros((0, 1)), "joints": np.zeros((0, 1))}, "no pairs"),
         ({"motors": np.zeros((19, 1))}, "no pairs"),
         ({"motor_noise": 0.0}, "motor_noise"),

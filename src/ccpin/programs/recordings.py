@@ -68,9 +68,9 @@ def record(
         near: The State it is recorded about (pivots are chosen at states around it), default the reference.
         parameters: Constants that become an input p: `"gravity"` (m/s²), `"mass:LINK"` (its inertia goes with it),
             `"length:JOINT"` (from the joint before), `"length:CLOSURE/A"` or `/B` (of its frame on its body),
-            `"origin:JOINT/x"` (y, z; on the parent link), `"origin:CLOSURE/A/x"`, `"distance:CLOSURE"`,
-            `"ratio:COUPLING/JOINT"`,
-            `"damping:JOINT"`, `"armature:JOINT"`, `"stiffness:JOINT"`.
+            `"origin:JOINT/x"` (y, z; on the parent link), `"origin:CLOSURE/A/x"`, `"turn:JOINT/x"` (of its frame about
+            the link's axes), `"turn:CLOSURE/A/x"`, `"distance:CLOSURE"`, `"ratio:COUPLING/JOINT"`, `"damping:JOINT"`,
+            `"armature:JOINT"`, `"stiffness:JOINT"`.
         moving: That the law's reference is an input: q_d, v_d and a_d (rates and second rates), in the numbers of q,
             circles counted in q's turn; of PDSimpleGravity also g_d, g at q_d. Laws whose own reference moves have it
             as an input anyhow, and time is none.

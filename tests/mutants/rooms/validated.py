@@ -367,7 +367,7 @@ ROOMS: tuple[Room, ...] = (
             "_rotation",
             "poses",
             "relative_motion",
-            "_turn",
+            "turn_about",
             "rates",
             "closure_rows",
             "_coupling_row",

@@ -4,7 +4,8 @@ A parameter is `"gravity"` (m/s², along its direction), `"mass:LINK"` (kg; the 
 its centre of mass stays), `"length:JOINT"` (m, from the frame of the joint before along the joint's placement; what is
 mounted farther out moves along), `"length:CLOSURE/A"` or `/B` (the same of a closure's frame on its body),
 `"origin:JOINT/x"` (`/y`, `/z`; m, a coordinate of its frame's origin on the parent link), `"origin:CLOSURE/A/x"` and
-`/B/x` (of a closure's frame on its link), `"distance:CLOSURE"` (m, of a closure of that kind),
+`/B/x` (of a closure's frame on its link), `"turn:JOINT/x"` and `"turn:CLOSURE/A/x"` (rad; a turn of that frame about
+its origin and the link's axes, x first, then y, z; 0 in the model), `"distance:CLOSURE"` (m, of one of that kind),
 `"ratio:COUPLING/JOINT"` (the coefficient of the joint's displacement), and `"damping:JOINT"`, `"armature:JOINT"`,
 `"stiffness:JOINT"`.
 """
@@ -21,14 +22,14 @@ from ccpin.description.names import choices
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.loops import ResolvedClosure
-from ccpin.programs.recording.recorded_tree import ExactJoint, Table, exact, exact_placement, rational
+from ccpin.programs.recording.recorded_tree import ExactJoint, Table, exact, exact_placement, rational, turn_about
 from ccpin.programs.tape import Expression, Tape
 
 _UNITS = {
-    "gravity": "m/s²", "mass": "kg", "length": "m", "origin": "m", "distance": "m", "ratio": "1",
+    "gravity": "m/s²", "mass": "kg", "length": "m", "origin": "m", "turn": "rad", "distance": "m", "ratio": "1",
     "damping": "N m s/rad or N s/m", "armature": "kg m² or kg", "stiffness": "N m/rad or N/m",
 }  # fmt: skip
-GEOMETRY = ("origin", "distance", "ratio")  # what closures are made of, each number by itself
+GEOMETRY = ("origin", "turn", "distance", "ratio")  # what closures are made of, each number by itself
 
 
 class Parameter(NamedTuple):
@@ -98,11 +99,12 @@ def _values(model: ReducedModel, kind: str) -> dict[str, float]:
             ends |= {f"{loop.closure.name}/A": loop.frame_a, f"{loop.closure.name}/B": loop.frame_b}
         return {name: float(np.linalg.norm(frame[:3, 3])) for name, frame in ends.items()}
     loops, couplings = model.parametrization.constraints.loops, model.parametrization.constraints.couplings
-    if kind == "origin":
+    if kind in ("origin", "turn"):
         frames = {joint.name: joint.stated.placement for joint in tree.joints if joint.stated.parent}
         for loop in loops:
             frames |= {f"{loop.closure.name}/{end}": at for end, (_, at) in zip("AB", loop.closure.ends, strict=True)}
-        return {f"{name}/{axis}": float(at[k, 3]) for name, at in frames.items() for k, axis in enumerate("xyz")}
+        own = {f"{name}/{axis}": float(at[k, 3]) for name, at in frames.items() for k, axis in enumerate("xyz")}
+        return own if kind == "origin" else dict.fromkeys(own, 0.0)
     if kind == "distance":
         return {loop.closure.name: loop.closure.length for loop in loops if loop.closure.length is not None}
     if kind == "ratio":
@@ -224,7 +226,7 @@ class Constants:
         return None if known is None else known[1] * (1 / rational(known[0].value))
 
     def _placed(self, placement: Table, of: str, link: str) -> Table:
-        """A frame of a body with another length or origin, whose coordinates are along a link's axes."""
+        """A frame of a body with another length, origin or turn, the latter along and about a link's axes."""
         factor, found = self._factor("length", of), placement.copy()
         if factor is not None:
             found[:3, 3] = found[:3, 3] * factor
@@ -233,6 +235,10 @@ class Constants:
                 known, value = self._given["origin", f"{of}/{axis}"]
                 turn = exact_placement(self._tree.attachments[link].placement)
                 found[:3, 3] = found[:3, 3] + turn[:3, k] * (value - rational(known.value))
+            if ("turn", f"{of}/{axis}") in self._given:
+                angle = self._given["turn", f"{of}/{axis}"][1]
+                about = exact_placement(self._tree.attachments[link].placement)[:3, k]
+                found[:3, :3] = turn_about(angle.tape, about, angle) @ found[:3, :3]
         return found
 
 

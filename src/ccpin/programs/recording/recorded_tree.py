@@ -135,14 +135,14 @@ def relative_motion(tape: Tape, joint: ExactJoint, x: Table) -> Table:
         if slides:
             motion[:3, 3] = motion[:3, 3] + axis * value
         else:
-            motion[:3, :3] = motion[:3, :3] @ _turn(tape, axis, value)
+            motion[:3, :3] = motion[:3, :3] @ turn_about(tape, axis, value)
     if joint.kind.unit == 4:
         motion[:3, :3] = _rotation(x[plain:], 2)
     return motion
 
 
-def _turn(tape: Tape, axis: Table, angle: Expression) -> Table:
-    """c I + s [a]× + (1 − c) a aᵀ, of shape (3, 3)."""
+def turn_about(tape: Tape, axis: Table, angle: Expression) -> Table:
+    """The rotation about a unit vector: c I + s [a]× + (1 − c) a aᵀ, of shape (3, 3)."""
     sine, cosine = tape.sincos(angle)
     outer = np.outer(axis, axis)
     across = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]], dtype=object)

@@ -1,7 +1,8 @@
-"""What `identify_geometry` returns: numbers of the geometry with their covariance, and what is not observable."""
+"""What is known of a geometry that was measured: its numbers with their covariance, and what is not observable."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ _NOTHING = 1e-6  # of a direction's largest entry: less is rounding
 
 
 class IdentifiedGeometry(NamedTuple):
-    """A linkage's geometry of measured pairs, k numbers p of which r directions are observable.
+    """A mechanism's geometry as N poses show it, k numbers p of which r directions are observable.
 
     Attributes:
         parameters: Names of the numbers.
@@ -28,10 +29,13 @@ class IdentifiedGeometry(NamedTuple):
         singular_values: Of the weighted sensitivity, lengths in extents: 1/s is what each direction is known to; of
             shape (k,), the first r those of observable ones.
         directions: A basis of what is not observable, of shape (k − r, k).
-        residuals: What is left of q̂_m where the joints' errors are taken over to it, rad or m, of shape (N, n).
-        misfit: √(S/(N n − r)), S the weighted sum of squares: about 1 where noise is as stated and the model true.
+        residuals: What is left of what was measured, rad or m, a row a pose, NaN where nothing was: of `calibrate`
+            sensor after sensor; of `identify_geometry` of q̂_m, the joints' errors taken over to it, of shape (N, n).
+        misfit: √(S/ν), S the weighted sum of squares and ν the equations less N n and r: about 1 where noise is as
+            stated and the model true.
         iterations: Steps of Gauss–Newton.
         description: The mechanism with this geometry, to load or to convert; encoders' offsets are not in it.
+        frames: The world's frame in the axes of each tracker, 4×4, by the sensor's name.
     """
 
     parameters: tuple[str, ...]
@@ -45,6 +49,7 @@ class IdentifiedGeometry(NamedTuple):
     misfit: float
     iterations: int
     description: MechanismDescription
+    frames: Mapping[str, Array]
 
     @property
     def rank(self) -> int:
@@ -57,9 +62,14 @@ class IdentifiedGeometry(NamedTuple):
         return float(self.singular_values[0] / self.singular_values[self.rank - 1])
 
     @property
+    def observability(self) -> float:
+        """Borm and Menq's O₁ = (σ₁ … σ_r)^{1/r}/√N, σ the singular values of observable directions."""
+        return float(np.exp(np.log(self.singular_values[: self.rank]).mean()) / np.sqrt(len(self.residuals)))
+
+    @property
     def residual_rms(self) -> Array:
-        """Of each motor's residuals, rad or m, of shape (n,)."""
-        return np.asarray(np.sqrt((self.residuals**2).mean(axis=0)))
+        """Of each column of the residuals, rad or m."""
+        return np.asarray(np.sqrt(np.nanmean(self.residuals**2, axis=0)))
 
     @property
     def determined(self) -> Mask:
@@ -87,11 +97,11 @@ class IdentifiedGeometry(NamedTuple):
 
     @property
     def unobservable(self) -> tuple[str, ...]:
-        """What is not observable, in words: gauge freedoms, which change no angle, and what these pairs hardly show."""
+        """What is not observable, in words: gauge freedoms (nothing measured changes), and what poses hardly show."""
         hardly = self.singular_values[self.rank :] > ROUNDING * self.singular_values[0]
         gauges, lengths = self.directions[~hardly], np.where([unit == "m" for unit in self.units], self.values, 0.0)
-        told = [f"{self._in_words(row)} (no angle changes)" for row in _sparse(gauges)]
-        told += [f"{self._in_words(row)} (these pairs hardly show it)" for row in _sparse(self.directions[hardly])]
+        told = [f"{self._in_words(row)} (nothing measured changes)" for row in _sparse(gauges)]
+        told += [f"{self._in_words(row)} (these poses hardly show it)" for row in _sparse(self.directions[hardly])]
         kept = np.linalg.lstsq(gauges.T, lengths, rcond=None)[0] @ gauges
         if np.linalg.norm(kept - lengths) <= _NOTHING * np.linalg.norm(lengths) > 0.0:
             told.insert(0, "the size of the whole, to which all lengths are in proportion: name one as known")
