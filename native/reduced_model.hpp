@@ -75,6 +75,24 @@ class ReducedModel : public Parametrization {
     return true;
   }
 
+  // D (n × n) as the last `forward` had it; false where clusters carry others, whose factors are of articulated inertias.
+  bool mass(double* D) const {
+    std::fill(D, D + size_t(m.n) * m.n, 0.);
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      const Cluster& c = m.clusters[k];
+      if (c.parent) return false;
+      const int n = c.n();
+      const double* L = D_.data() + d_offset_[k];
+      for (int i = 0; i < n; ++i)
+        for (int l = 0; l <= i; ++l) {
+          double sum = 0;
+          for (int r = 0; r <= l; ++r) sum += L[i * n + r] * L[l * n + r];
+          D[size_t(c.independent[i]) * m.n + c.independent[l]] = D[size_t(c.independent[l]) * m.n + c.independent[i]] = sum;
+        }
+    }
+    return true;
+  }
+
   // τ = D q̈ + C q̇ + damping q̇ + g − ρᵀJᵀw, after `sigma` or `at`; a null: q̈ = 0. Leaves the bodies' wrenches and τ′ − Jᵀw.
   void inverse(const double* v, const double* a, double* tau, const Pushes& pushes = {}) {
     spread(v);

@@ -31,6 +31,8 @@ class SampledCommands {
       : memory(sampling.memory), w_(w), m_(w.model.m), law_(law), s_(sampling), slope_(m_.n) {}
 
   double due() const { return s_.start + memory.count * s_.period; }
+  // Whether the plant's model is closed at what encoders read, for the law to read it there.
+  bool closes_the_plant() const { return !s_.resolution.empty() && law_.needs_sigma() && !law_.closes_itself(); }
 
   // Measures, filters, computes the command and holds the one that is due, with the model closed at q; false where σ of
   // the reading, or of q in a model of the law's own, does not exist. `t` is the law's time.
@@ -45,7 +47,7 @@ class SampledCommands {
       velocity = s_.differentiates ? velocity + s_.gain * (slope_[i] / s_.period - velocity) : v[i];
     }
     memory.reading = now_;
-    if (!s_.resolution.empty() && law_.needs_sigma() && !law_.closes_itself()) {
+    if (closes_the_plant()) {
       w_.model.remember(near_);
       if (!w_.model.sigma(now_.data(), near_)) return false;
     }

@@ -72,13 +72,17 @@ class Follower {
   Follower(Workspace& w, double singular, double longest, const Pushes& pushes, const Leaving& leaving)
       : w_(w), m_(w.model.m), leaving_(leaving), singular_(singular), longest_(longest), pushes_(pushes), q_(m_.n_q) {}
 
+  // Where it is closed already it is not closed again.
   bool close(const double* state) {
     q_.assign(state, state + m_.n_q);
     for (const Coordinate& k : m_.coordinates) {
       const UnitWindow unit = k.whole() ? unit_window(k.kind) : UnitWindow{0, 0};
       if (unit.size) Eigen::Map<Eigen::VectorXd>(q_.data() + k.q + unit.start, unit.size).normalize();
     }
-    return w_.model.sigma(q_.data(), near_);
+    if (q_ == closed_) return true;
+    closed_.clear();
+    if (!w_.model.sigma(q_.data(), near_)) return false;
+    return closed_ = q_, true;
   }
   // d/dt of the numbers in q, at the configuration the model is closed at.
   void coordinate_rates(const double* v, double* rate) const {
@@ -100,7 +104,7 @@ class Follower {
   // Whether the coordinates are to be left at the step just accepted.
   bool poor() const { return leaving_.may() && (creeping_ >= kMostCreeping || leaving_.poor(w_.model)); }
   int creeping() const { return creeping_; }  // how many steps in a row were next to nothing
-  void start_here() { w_.model.remember(near_), creeping_ = 0; }
+  void start_here() { w_.model.remember(near_), closed_.clear(), creeping_ = 0; }
 
  protected:
   static constexpr double kCreeping = 1e-7, kCreepingRcond = 1e-3, kShortest = 1e-10;
@@ -113,7 +117,10 @@ class Follower {
   std::vector<double> q_;
   ClosedPoint near_;
 
+  void closed_elsewhere() { closed_.clear(); }  // by others, since
+
  private:
+  std::vector<double> closed_;  // q; empty: not known
   int creeping_ = 0;
 };
 
@@ -218,6 +225,7 @@ class Simulation : public Follower {
       if (commands_ && solver_.t >= commands_->due() - slack(commands_->due())) {
         const double* v = solver_.y.data() + m_.n_q;
         if (!close(solver_.y.data()) || !commands_->instant(clock(solver_.t), q_, v)) return Outcome::declined;
+        if (commands_->closes_the_plant()) closed_elsewhere();
       }
       if (!begin_contact()) return Outcome::declined;
       if (due(out, solver_.t + slack(solver_.t)) && !sample(run_.times[out.done], solver_.y.data(), out))
@@ -245,7 +253,8 @@ class Simulation : public Follower {
         }
         state_ = solver_.next;
         if (reached < solver_.reached && !solver_.interpolate(reached, state_.data())) return Outcome::declined;
-        if (!accept(state_.data(), reached - solver_.t)) return Outcome::declined;
+        const double length = breaks ? INFINITY : reached - solver_.t;  // a cut step does not creep
+        if (!accept(state_.data(), length)) return Outcome::declined;
         const bool spent = evaluations >= run_.evaluations, late = std::isfinite(run_.seconds) && seconds() >= run_.seconds;
         const bool stopped = steps % 64 == 0 && signals.arrived(), poor = this->poor();
         if ((settled || spent || late || stopped) && !leaving_.may() && out.t[out.done - 1] < reached - slack(reached) &&
@@ -285,9 +294,10 @@ class Simulation : public Follower {
     double before = solver_.t;
     for (int part = 1; part <= kContactParts; ++part) {
       const double whole = solver_.reached - solver_.t;
-      double after = part == kContactParts ? solver_.reached : solver_.t + double(part) / kContactParts * whole;
+      const bool last = part == kContactParts;
+      double after = last ? solver_.reached : solver_.t + double(part) / kContactParts * whole;
       bool found;
-      if (!broken_within(after, found)) return false;
+      if (!(last ? broken_at(after, solver_.next.data(), found) : broken_within(after, found))) return false;
       if (!found) {
         before = after;
         continue;

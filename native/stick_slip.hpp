@@ -208,7 +208,7 @@ class StickSlip {
 
  private:
   static constexpr double kRest = 1e-8, kReversed = 1e-14, kWithin = 1e-8, kReleased = 1e-9, kPull = 50, kIndependent = 1e-2,
-                          kNil = 1e-6;
+                          kNil = 1e-6, kFirm = 1e-6;
   Workspace& w_;
   const Mechanism& m_;
   bool eventful_ = false;
@@ -217,7 +217,10 @@ class StickSlip {
   std::vector<double> held_q_, held_u_;  // where, and under which u, joints stayed at rest, nothing moving
   MatX rows_, D_, C_, rho_, rho_dot_;    // ρ's rows of the rubbing joints; D, then its Cholesky factor
   VecX rates_, force_, a_, load_;        // their rates and known forces; q̈ and the load under these
-  MatX resting_rows_, mobility_;         // ρ_r and D⁻¹ρ_rᵀ of those at rest
+  MatX resting_rows_, reach_, mobility_;  // ρ_r, L⁻¹ρ_rᵀ (D = L Lᵀ) and D⁻¹ρ_rᵀ of those at rest
+  enum class Shares { unknown, unique, least } known_ = Shares::unknown;
+  MatX compliance_, along_;              // the factor of ρ_r D⁻¹ρ_rᵀ where shares are unique, its eigenvectors where not,
+  VecX softness_;                        // and 1 over its eigenvalues
   VecX bias_;                            // (ρ̇ q̇)_r
 
   static double sign(double x) { return x > 0 ? 1 : x < 0 ? -1 : 0; }
@@ -259,11 +262,13 @@ class StickSlip {
       const Rubbing& joint = mode.joints[resting_[r]];
       const ClusterState& s = w_.model.states[cluster_[resting_[r]]];
       bias_[r] = joint.coordinate < 0 ? s.bias[m_.column_of[joint.component]] : 0;
+      if (resting_rows_.row(r).norm() <= kNil) resting_rows_.row(r).setZero();  // what vanishes holds nothing
     }
-    w_.terms.matrices(v, D_.data(), C_.data(), rho_.data(), rho_dot_.data());
+    if (!w_.model.mass(D_.data())) w_.terms.matrices(v, D_.data(), C_.data(), rho_.data(), rho_dot_.data());
     if (!cholesky(D_.data(), m_.n)) return false;
-    mobility_ = resting_rows_.transpose();
-    cholesky_solve(D_.data(), m_.n, mobility_.data(), int(resting_.size()));
+    reach_ = D_.triangularView<Eigen::Lower>().solve(resting_rows_.transpose());
+    mobility_ = D_.transpose().triangularView<Eigen::Upper>().solve(reach_);
+    known_ = Shares::unknown;
     return true;
   }
 
@@ -281,21 +286,28 @@ class StickSlip {
   }
 
   // f of least norm with ρ_r(a + D⁻¹ρ_rᵀf) = target; by Cholesky where only one f does it, beyond doubt.
-  VecX multipliers(const VecX& target) const {
+  VecX multipliers(const VecX& target) {
     VecX missing = target - resting_rows_ * a_;
-    MatX compliance = resting_rows_ * mobility_;
-    const int size = int(missing.size());
+    if (known_ == Shares::unknown) find_shares();
+    if (known_ == Shares::unique) cholesky_solve(compliance_.data(), int(missing.size()), missing.data(), 1);
+    else missing = along_ * (along_.transpose() * missing).cwiseProduct(softness_);
+    return missing;
+  }
+  // With B = L⁻¹ρ_rᵀ = U S Vᵀ that is f = V S⁻² Vᵀ(…), of which what S² has below 1e-12 of its largest is none.
+  void find_shares() {
+    const Eigen::Index size = reach_.cols();
     if (size <= m_.n) {
-      MatX factor = compliance;
-      if (cholesky(factor.data(), size)) {
-        const VecX pivots = factor.diagonal();
-        if (pivots.minCoeff() > kIndependent * pivots.maxCoeff()) {
-          cholesky_solve(factor.data(), size, missing.data(), 1);
-          return missing;
-        }
+      compliance_ = resting_rows_ * mobility_;
+      if (cholesky(compliance_.data(), int(size))) {
+        const auto pivots = compliance_.diagonal();
+        if (pivots.minCoeff() > kIndependent * pivots.maxCoeff()) return void(known_ = Shares::unique);
       }
     }
-    return least_norm(compliance, missing, 1e-12);
+    const Eigen::JacobiSVD<MatX> svd(reach_, Eigen::ComputeThinV);
+    const VecX& sizes = svd.singularValues();
+    along_ = svd.matrixV(), softness_ = VecX::Zero(sizes.size()), known_ = Shares::least;
+    for (Eigen::Index i = 0; i < sizes.size(); ++i)
+      if (sizes[i] > kFirm * sizes[0]) softness_[i] = 1 / (sizes[i] * sizes[i]);
   }
 
   // Which way each resting joint starts to slide (0: it stays), and its force; false: not found.
@@ -304,11 +316,14 @@ class StickSlip {
     force = multipliers(-bias_);
     VecX level(resting_.size());
     for (size_t r = 0; r < resting_.size(); ++r) level[r] = mode.joints[resting_[r]].coulomb;
-    if ((force.array().abs() <= level.array() * (1 + kWithin)).all()) return true;
+    const VecX pushed = resting_rows_ * a_ + bias_;
+    const double least = kReleased * std::max(pushed.array().abs().maxCoeff(), a_.array().abs().maxCoeff());
+    bool held = (force.array().abs() <= level.array() * (1 + kWithin)).all();
+    for (Eigen::Index r = 0; r < pushed.size(); ++r) held &= std::abs(pushed[r]) <= least || resting_rows_.row(r).any();
+    if (held) return true;
     if (level.size() == 1) force[0] = std::min(std::max(force[0], -level[0]), level[0]);
     else if (!least_constraint(level, force)) return false;
-    const VecX pushed = resting_rows_ * a_ + bias_, a = pushed + resting_rows_ * (mobility_ * force);
-    const double least = kReleased * pushed.array().abs().maxCoeff();
+    const VecX a = pushed + resting_rows_ * (mobility_ * force);
     for (Eigen::Index r = 0; r < a.size(); ++r) starts[r] = std::abs(a[r]) > least ? sign(a[r]) : 0;
     return true;
   }
@@ -317,9 +332,8 @@ class StickSlip {
   bool least_constraint(const VecX& level, VecX& force) const {
     VecX d = a_;
     if (bias_.any()) d += with_rates(resting_rows_, bias_);
-    const auto L = D_.triangularView<Eigen::Lower>();
-    MatX matrix = L.solve(resting_rows_.transpose().eval()) * level.asDiagonal();
-    VecX right = -(L.transpose() * d);
+    MatX matrix = reach_ * level.asDiagonal();
+    VecX right = -(D_.transpose().triangularView<Eigen::Upper>() * d);
     const double scale = right.norm();
     matrix /= scale, right /= scale;
     BoundedLeastSquares problem(matrix, right);

@@ -212,7 +212,7 @@ def test_where_many_joints_start(name):
     """Of more joints than freedoms, at rest under random loads and levels, the same ones start, and ρᵀf is the same."""
     model, rng = ccpin.ReducedModel(ccpin.load(name)), np.random.default_rng(0)
     names, q = component_names(model.mechanism.tree), model.alpha(model.mechanism.q_reference)
-    told, started = 0, 0
+    started = 0
     for _ in range(40):
         state = model.at(model.coordinates.integrate(q, 0.02 * rng.normal(size=model.n)))
         levels = {
@@ -221,16 +221,14 @@ def test_where_many_joints_start(name):
         u = model.gravity(state.q) + rng.normal(size=model.n_actuated) * rng.choice([0.05, 0.5, 5.0])
         rubbing = joint_friction(model, levels)
         answer = ask(model, state, {"friction": StickSlip(model, rubbing).numbers()}, u)
-        if answer is None:  # halting and breaking loose without end is the reference's to tell
-            continue
+        assert answer is not None
         found = answer[8][0][rubbing.index]
         expected = friction_force(model, levels, state, np.zeros(model.n), u)
         rows = state.rho[rubbing.index]
         np.testing.assert_allclose(rows.T @ found, expected.generalized, rtol=0, atol=1e-9)
         assert (np.abs(found) <= rubbing.coulomb * (1 + 1e-7)).all()
-        told, started = told + 1, started + bool(np.abs(answer[4][0]).max() > 0)
-    assert told >= 20
-    assert started > 5
+        started += bool(np.abs(answer[4][0]).max() > 0)
+    assert 5 < started < 35
 
 
 def numbers_of(model):

@@ -6,11 +6,12 @@ from scipy.optimize import linprog
 
 import ccpin
 from ccpin.control import Sampling
-from ccpin.errors import InvalidInputError
+from ccpin.errors import ConvergenceError, InvalidInputError
 from ccpin.kinematics.coordinates import component_names
 from ccpin.simulation.plant.friction import joint_friction
 from ccpin.simulation.plant.stick_slip import friction_force
 from tests.oracles import rpdr as oracle
+from tests.support.carriage import carriage
 
 POSE = np.radians([-95.0, -105.0])
 HANGING = np.radians([-82.180, -97.823])
@@ -266,6 +267,44 @@ def test_integrators_agree_across_events(rpdr_model, method):
     first = ccpin.simulate(rpdr_model, None, start, **common)
     other = ccpin.simulate(rpdr_model, None, start, method=method, rtol=1e-7, atol=1e-9, **common)
     assert np.abs(first.q - other.q).max() < 1e-5
+
+
+def test_halting_and_breaking_loose_without_end():
+    """A law that pushes a carriage on whenever it does not move on, and back as soon as it does.
+
+    It halts after v_0/(K + c), having gone v_0²/2(K + c), and there the motion ends; what was before is kept.
+    """
+    push, level, v_0 = 5.0, 0.9, 0.02
+    motion = ccpin.simulate(
+        carriage(),
+        lambda t, q, v: np.array([push if v[0] <= 0 else -push]),
+        [0.0],
+        [v_0],
+        duration=0.01,
+        friction={"x": (level, 0.0)},
+        sample_period=1e-3,
+    )
+    halts = v_0 / (push + level)
+    assert (motion.status, type(motion.cause)) == ("failed", ConvergenceError)
+    assert "friction: joints halt and break loose without end" in motion.message
+    assert motion.t == pytest.approx([0.0, 1e-3, 2e-3, 3e-3, halts], abs=1e-6)
+    assert motion.q[:-1, 0] == pytest.approx(v_0 * motion.t[:-1] - 0.5 * (push + level) * motion.t[:-1] ** 2, abs=1e-9)
+    assert motion.q[-1, 0] == pytest.approx(0.5 * v_0 * halts, abs=1e-9)
+
+
+@pytest.mark.parametrize("level", [1e-3, 10.0])
+def test_joints_that_never_move_hold_nothing(level):
+    """A Delta's platform does not turn: ρ's rows of its turns are zero but for rounding, whatever their friction."""
+    turns = dict.fromkeys(("platform_roll", "platform_pitch", "platform_yaw"), (level, 0.0))
+    model = ccpin.ReducedModel(ccpin.load("delta"))
+    q = model.coordinates.integrate(model.alpha(model.mechanism.q_reference), [0.02, -0.01, 0.03])
+    with_it, without = (
+        ccpin.simulate(model, None, q, duration=0.1, friction=friction, sample_period=0.01, rtol=1e-11, atol=1e-13)
+        for friction in (turns, {})
+    )
+    assert with_it.status == "finished"
+    np.testing.assert_allclose(with_it.q, without.q, rtol=0, atol=1e-10)
+    assert not with_it.friction.any()
 
 
 def test_friction_does_not_depend_on_history(rpdr_model):

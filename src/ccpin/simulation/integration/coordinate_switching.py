@@ -145,7 +145,7 @@ class CoordinateSwitching:
 
     def _balls_of(self, model: StateModel) -> Balls | None:
         """The balls that a model has in place of `home`'s joints, if it has any."""
-        return None if self._balls is None or self._own(model) is self.home else self._balls
+        return None if self._own(model) is self.home else self._balls
 
     def seen(self, state: State) -> State:
         """A State as a caller sees it, on `home`'s joints.

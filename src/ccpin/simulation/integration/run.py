@@ -286,7 +286,7 @@ class Run:
             record.within(step, min(reached, end - 2 * _slack(end)), self)
             for watch in watches:
                 record.happened([self._told(event) for event in watch.accept(step, reached)])
-            ending = self._arrive(arrived, longest)
+            ending = self._arrive(arrived, longest, cut=cause is not None)
             stop = None if cause is None else cause.act(self.here)
             if stop is None and ending is not None:
                 stop = self._elsewhere(record, ending)
@@ -296,9 +296,12 @@ class Run:
                 return stop
         return None
 
-    def _arrive(self, arrived: Instant, longest: float) -> str | None:
-        """Make an instant the present one; why its coordinates are to be left there, if they are."""
-        short = arrived.t - self.here.t < _CREEPING
+    def _arrive(self, arrived: Instant, longest: float, cut: bool) -> str | None:
+        """Make an instant the present one; why its coordinates are to be left there, if they are.
+
+        A step that an event cut short does not creep.
+        """
+        short = not cut and arrived.t - self.here.t < _CREEPING
         self.here = arrived
         stuck = longest > _CREEPING if self._follows() else arrived.state.rcond < _CREEPING_RCOND
         self._creeping = self._creeping + 1 if short and stuck else 0

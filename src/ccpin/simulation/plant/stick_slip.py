@@ -41,7 +41,7 @@ REST = 1e-8  # rad/s or m/s: no faster is at rest
 _REVERSED = 1e-14  # rad/s or m/s: rounding about zero has not turned back
 _WITHIN = 1e-8  # of a level: a force beyond it by less holds the joint
 _RELEASED = 1e-9  # of the largest acceleration without friction: one below is none
-_NIL = 1e-6  # rad/rad, m/rad or the like: singular values of ρ's rows below are none
+_NIL = 1e-6  # rad/rad, m/rad or the like: ρ's rows, and singular values of these, below are none
 _PULL = 50.0  # 1/s, at which the rates of resting joints, where integration leaves some, decay
 _MOST_EVENTS = 200  # within a microsecond: then they have no end
 _INDEPENDENT = 1e-2  # of the largest pivot of ρ_r D⁻¹ρ_rᵀ: above it resting joints' forces are unique beyond doubt
@@ -115,7 +115,8 @@ class ActingLoads(NamedTuple):
 class _Known(NamedTuple):
     """The dynamics under every force that is known: all but that of the joints at rest.
 
-    `mobility` is D⁻¹ρᵀ of the rubbing joints, of shape (n, k), `factor` the L of D = L Lᵀ.
+    `rows` are ρ's of the rubbing joints, of shape (k, n): zero where a joint at rest has one that vanishes, which holds
+    nothing. `mobility` is D⁻¹ρᵀ, of shape (n, k), `factor` the L of D = L Lᵀ.
     """
 
     rows: Array
@@ -280,6 +281,7 @@ class StickSlip:
         rows = self.rows(state)
         rates = rows @ v
         force = -friction.viscous * rates - friction.coulomb * self._signs
+        rows[self._rest & (np.linalg.norm(rows, axis=1) <= _NIL)] = 0.0
         factor = _factor(state.D)
         mobility = lapack.dpotrs(factor, rows.T, lower=1)[0]
         a = drive.acceleration(state, v) + mobility @ force
@@ -312,12 +314,14 @@ class StickSlip:
             known.mobility[:, self._rest],
         )
         pushed = rows @ known.a + known.bias
+        least = _RELEASED * max(np.abs(pushed).max(), np.abs(known.a).max())
         force = _multipliers(known, rows, mobility, -known.bias)
-        if np.all(np.abs(force) <= level * (1 + _WITHIN)):
+        held = rows.any(axis=1) | (np.abs(pushed) <= least)
+        if held.all() and np.all(np.abs(force) <= level * (1 + _WITHIN)):
             return np.zeros(len(level)), force
         force = np.clip(force, -level, level) if len(level) == 1 else _least_constraint(known, rows, level)
         a = pushed + rows @ (mobility @ force)
-        return np.where(np.abs(a) > _RELEASED * np.abs(pushed).max(), np.sign(a), 0.0), force
+        return np.where(np.abs(a) > least, np.sign(a), 0.0), force
 
 
 class StickSlipWatch(Watch):
