@@ -26,6 +26,7 @@ constexpr double kLine = 0.5;           // of the slope of h: it may change by l
 constexpr double kSeenFrom = 0.1;       // of what is left: so far apart these are at least
 constexpr double kFollowed = 4;         // times the arc that is left: a leap may find so much more or less,
 constexpr double kBent = 0.03125;       // of a leap: the first correction after it
+constexpr double kShortest = 0.85;      // of the arc left: no leap leaves more, where longer ones are not trusted
 constexpr double kSure = 0.03;          // of the arc left: the last leap finds so much more or less, the one before 8 times
 constexpr double kDoubts = 2;           // times the last change of where the end is: it may be so far off
 constexpr double kSharp = 0.05;         // of what rounding leaves of the way: so sharply is the end known, or to half a step
@@ -146,9 +147,13 @@ class DeadEnds : public Continuation {
     double height = 1 / norm(s.probe);
     for (int leap = 0; leap < kMostLeaps; ++leap) {
       const double arc = sight.arc, least = arc * std::sqrt(m.tolerance / kBeyond) / height;
-      const double goal = std::max(std::clamp(4 * doubt, arc / 64, arc / 4), least);
-      double ahead = end - sight.way(goal);
-      if (!(goal < arc && leaps(c, s, q, arc - goal, ahead) && ahead > place)) return false;
+      double goal = std::max(std::clamp(4 * doubt, arc / 64, arc / 4), least), ahead = end - sight.way(goal);
+      if (!(goal < arc)) return false;
+      while (!(leaps(c, s, q, arc - goal, ahead) && ahead > place)) {
+        goal = 0.5 * (goal + arc), ahead = end - sight.way(goal);
+        if (!(goal <= kShortest * arc)) return false;
+        q_free = begun_, target(c, q, place), examine(c, s);
+      }
       const double made = distance(c, begun_.data(), q_free.data()), now = 1 / norm(s.probe), rate = 1 / norm(rate_);
       sight = {now * made / (height - now), rate, (rate - sight.rate) / made};
       if (!(now < height && sight.arc <= kFollowed * goal && goal <= kFollowed * sight.arc)) return false;
