@@ -109,7 +109,7 @@ class CompiledProgram:
 
         Args:
             inputs: In the program's order; they may be of any memory layout.
-            threads: Among which rows are divided, no more than there are processors.
+            threads: Among which rows are divided, no more than there are processors; they wait for the next call.
 
         Raises:
             InvalidInputError: Inputs too few, of other shapes or no real numbers; no whole number of threads.
