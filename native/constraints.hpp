@@ -23,7 +23,7 @@ struct ClusterState {
   explicit ClusterState(const Cluster& c)
       : rows(c.loop_rows), row_rates(c.loop_rows), J(size_t(c.rows()) * c.width()), A(size_t(c.rows()) * c.unknowns()),
         diagonal(c.unknowns()), pivot(c.unknowns()), residual(c.rows()), gap(c.direct.size()),
-        right(std::max(c.n(), c.rows() * std::max({3, c.n() + 2, 2 * c.n()}))), step(c.width()), rho(size_t(c.width()) * c.n()),
+        right(std::max(c.n(), c.rows() * std::max({4, c.n() + 2, 2 * c.n()}))), step(c.width()), rho(size_t(c.width()) * c.n()),
         bias(c.width()), probe(2 * c.unknowns()) {
     for (size_t k = 0; k < c.direct.size(); ++k) rho[size_t(c.direct[k]) * c.n() + k] = 1;
   }

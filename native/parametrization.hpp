@@ -267,14 +267,14 @@ class Parametrization : public DeadEnds {
     dead_end_.begin(c, m, q, start);
     set_line(c, q, start);
     Approach approach;
-    const bool reached = follow(c, s, start, [&](double ahead) { target(c, q, ahead); }, [&](double done) {
-      return approach.nears_end(done, probe_square(s)) && ends_before(c, s, q, approach);
+    const bool reached = follow(c, s, start, [&](double ahead) { target(c, q, ahead); }, [&](double done, double arc) {
+      return approach.nears_end(done, arc, 1 / norm(s.probe)) && ends_before(c, s, q, approach);
     });
     if (!reached && dead_end_.done == 1) stopped(approach.done[2]);
     return reached;
   }
   // In steps that Newton trusts, halved where he does not and doubled after two that he did, from a start to q_ahead_ as
-  // f(1) sets it; given up where `ends` says so of what is done.
+  // f(1) sets it; given up where `ends` says so of what is done, and of the last step's length.
   template <class F, class G>
   bool follow(const Cluster& c, ClusterState& s, const double* start, F&& f, G&& ends) {
     copy_cluster(c, start, here_.data());
@@ -288,9 +288,10 @@ class Parametrization : public DeadEnds {
         continue;
       }
       if (ahead == 1) return true;
+      const double arc = distance(c, here_.data(), q_free.data());
       copy_cluster(c, q_free.data(), here_.data());
       done = ahead, stride *= grows ? 2 : 1, grows = true;
-      if (ends(done)) return false;
+      if (ends(done, arc)) return false;
     }
     return false;
   }
@@ -301,7 +302,7 @@ class Parametrization : public DeadEnds {
     copy_cluster(c, start, q_free.data());
     residuals(c, s, nullptr);
     std::copy_n(s.residual.begin(), c.phi_rows(), open_by_.begin());
-    const bool closed = follow(c, s, start, [&](double ahead) { opening_ = 1 - ahead; }, [](double) { return false; });
+    const bool closed = follow(c, s, start, [&](double ahead) { opening_ = 1 - ahead; }, [](double, double) { return false; });
     opening_ = 0;
     if (closed) copy_cluster(c, q_free.data(), here_.data());
     return closed;

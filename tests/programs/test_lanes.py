@@ -1,7 +1,10 @@
 """Programs in lanes: NumPy's numbers, the same bits in every lane and width, whatever the strides, rows and threads."""
 
+import os
 import pickle
 import platform
+import signal
+import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -148,14 +151,45 @@ def test_more_threads_than_processors_are_as_many_as_these(program, inputs, monk
     """A hundred million do not start; one processor's starts none."""
     run, wide = CompiledProgram(program), [np.tile(each, (9, 1)) for each in inputs]
     wanted = run(*wide)
-    started = list[int]()
-    pool = lanes.ThreadPoolExecutor
-    monkeypatch.setattr(lanes, "ThreadPoolExecutor", lambda count: started.append(count) or pool(count))
+    asked = list[object]()
+
+    class Watched(ThreadPoolExecutor):
+        def submit(self, fn, /, *args, **kwargs):
+            asked.append(fn)
+            return super().submit(fn, *args, **kwargs)
+
+    pool = Watched(2)
+    monkeypatch.setattr(lanes, "_helpers", lambda: pool)
     for processors in (1, 3, None):
         monkeypatch.setattr(lanes.os, "cpu_count", lambda processors=processors: processors)
         for found, due in zip(run(*wide, threads=10**8), wanted, strict=True):
             np.testing.assert_array_equal(found, due)
-    assert started == [2]
+    assert len(asked) == 2
+    pool.shutdown()
+
+
+def test_threads_wait_for_the_next_call(program, inputs):
+    """No call starts one where another waits."""
+    run, wide = CompiledProgram(program), [np.tile(each, (9, 1)) for each in inputs]
+    known = set[int | None]()
+    for _ in range(20):
+        run(*wide, threads=2)
+        known |= {thread.ident for thread in threading.enumerate() if thread.name.startswith("ccpin-lanes")}
+    assert 1 <= len(known) <= (os.cpu_count() or 1)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_fork_has_threads_of_its_own(program, inputs):
+    """Those that wait stay behind: a child that relied on them would wait for ever."""
+    run, wide = CompiledProgram(program), [np.tile(each, (9, 1)) for each in inputs]
+    wanted = run(*wide, threads=2)
+    child = os.fork()
+    if not child:
+        signal.alarm(60)
+        found = run(*wide, threads=2)
+        os._exit(not all(np.array_equal(a, b) for a, b in zip(found, wanted, strict=True)))
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
 @pytest.mark.parametrize("format", ["double", "float"])

@@ -109,7 +109,7 @@ class CompiledProgram:
 
         Args:
             inputs: In the program's order; they may be of any memory layout.
-            threads: Among which rows are divided, no more than there are processors.
+            threads: Among which rows are divided, no more than there are processors; they wait for the next call.
 
         Raises:
             InvalidInputError: Inputs too few, of other shapes or no real numbers; no whole number of threads.
@@ -181,11 +181,24 @@ class CompiledProgram:
                     return
                 some(first, min(first + piece, rows))
 
-        with ThreadPoolExecutor(threads - 1) as pool:
-            others = [pool.submit(work) for _ in range(threads - 1)]
+        others = [_helpers().submit(work) for _ in range(threads - 1)]
+        try:
             work()
+        finally:  # what has not begun helps others; what has is waited for, as it writes to these arrays
+            left.clear()
             for other in others:
-                other.result()
+                if not other.cancel():
+                    other.result()
+
+
+@cache
+def _helpers() -> ThreadPoolExecutor:
+    """Threads that wait for the next call: to start one takes as long as thousands of rows."""
+    return ThreadPoolExecutor(os.cpu_count() or 1, "ccpin-lanes")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_helpers.cache_clear)  # where there are none of these threads
 
 
 class InNumPy:
