@@ -6,7 +6,7 @@ from tests.mutants.room import Excused, Room
 
 _CLAIMS = ("identification/test_rank_claims.py",)
 _ADAPTIVE = ("identification/test_adaptive_tube_claims.py",)
-_LEVELS = ("identification/test_sharp_adaptive.py", *_ADAPTIVE)
+_LEVELS = ("identification/test_sharp_adaptive.py",)
 _STRUCTURE = ("identification/test_vanishing.py",)
 
 ROOMS = (
