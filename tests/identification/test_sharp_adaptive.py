@@ -17,6 +17,7 @@ from ccpin.identification.adaptive_states import AdaptiveStates, SmoothCells, _j
 from ccpin.proof.balls import Affine, affine
 from ccpin.proof.chords import Chord
 from ccpin.proof.facts import NotProvedError
+from ccpin.proof.rounding import SLACK
 
 K, N = 4, 2
 GAINS = AdaptiveGains(np.array([8.0, 5.0]), np.array([3.0, 2.0]), np.array([0.5, 2.0, 4.0]), 1e-2)
@@ -163,6 +164,8 @@ def test_the_decay_of_the_worst_inertia():
     ):
         top = np.linalg.eigvalsh(D[0] / np.sqrt(np.outer(gain, gain)))[-1] + 0.1 / 3.0
         np.testing.assert_allclose(decay_of(spread, gain), 2.0 / top, rtol=2e-9)
+    single = decay_of(affine(np.full((1, 1, 1), 3.0)), np.array([1.0]))
+    np.testing.assert_allclose(single, 2.0 / (3.0 * (1.0 + 1e-9)), rtol=1e-14)
     assert np.isnan(decay_of(affine(np.full((1, 2, 2), np.nan)), gain)).all()
     half = np.array([[[1.0, 0.0], [0.0, 1.0]], [[np.nan, 0.0], [0.0, 1.0]]])
     found = decay_of(affine(half), gain)
@@ -205,7 +208,7 @@ def test_damping_that_is_held():
     assert np.isinf(delayed(A, gain)[1]).all()
     np.testing.assert_array_equal(delayed(A, gain)[2], found[2])
     single = delayed(np.array([[[0.25]]]), np.array([2.0]))
-    np.testing.assert_allclose(single, 2.0 / (1.0 - 0.5) * 0.25, rtol=1e-7)
+    np.testing.assert_allclose(single, 2.0 / (1.0 - 0.5) * 0.25 * (1.0 + 1e-8) * SLACK, rtol=1e-13)
 
 
 class FakeBounds:
