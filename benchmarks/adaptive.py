@@ -24,7 +24,7 @@ from ccpin.control import ComputedTorque, PDPlus, Sampling, Waypoints
 from ccpin.identification import AdaptiveTracking, with_constants
 from ccpin.programs import compiled, configuration, record
 
-PERIOD, SLOPE, K, GAMMA, SHARE = 1e-3, 20.0, 0.5, 1000.0, 0.4
+PERIOD, SLOPE, K, GAMMA, SHARE = 1e-3, 20.0, 0.5, 5000.0, 0.4
 TRUE = np.array([1.3, 0.7, 0.7, 1.3])  # factors of link1, link3, link2, link4
 LEGS = np.array([[0.45, -0.35], [-0.1, 0.3], [0.4, 0.2], [-0.3, -0.35], [0.25, -0.1], [0.0, 0.0]])
 LEG, ROUNDS = 0.25, 4
