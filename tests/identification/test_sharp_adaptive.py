@@ -207,6 +207,9 @@ def test_damping_that_is_held():
     A[1, 0, 0] = np.nan
     assert np.isinf(delayed(A, gain)[1]).all()
     np.testing.assert_array_equal(delayed(A, gain)[2], found[2])
+    for size in (1.5, 2.5, 5.0):
+        assert np.isinf(delayed(np.array([[[size]]]), np.ones(1))).all()
+        assert np.isinf(delayed(np.diag([0.25, size])[None], np.ones(2))).all()
     single = delayed(np.array([[[0.25]]]), np.array([2.0]))
     np.testing.assert_allclose(single, 2.0 / (1.0 - 0.5) * 0.25 * (1.0 + 1e-8) * SLACK, rtol=1e-13)
 
