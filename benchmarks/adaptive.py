@@ -1,4 +1,4 @@
-"""Tracking with masses that are wrong: `python -m benchmarks.adaptive [--runs N] [--figure FILE]`.
+"""Tracking with masses that are wrong: `python -m benchmarks.adaptive [--runs N] [--gain G] [--figure FILE]`.
 
 The RPDR follows a smooth reference at 1 kHz. What the laws take for true is its drawing; the robot's links are 30 %
 heavier and lighter. `AdaptiveTracking`, which learns a factor of each link, stands beside PD+ of the same feedback
@@ -34,22 +34,23 @@ def main(arguments: list[str] | None = None) -> None:
     """Print both tables."""
     parser = argparse.ArgumentParser("python -m benchmarks.adaptive", description=__doc__)
     parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--gain", type=float, default=GAMMA)
     parser.add_argument("--figure", type=Path)
     asked = parser.parse_args(arguments)
-    law = adaptive(ccpin.ReducedModel(ccpin.load("rpdr")), PERIOD)
+    law = adaptive(ccpin.ReducedModel(ccpin.load("rpdr")), PERIOD, asked.gain)
     motions = tracked(law)
     if asked.figure is not None:
         drawn(law, motions).savefig(asked.figure, dpi=110)
     if asked.runs:
-        rises(law, asked.runs)
+        rises(law, asked.runs, asked.gain)
 
 
-def adaptive(model: ccpin.ReducedModel, period: float) -> AdaptiveTracking:
+def adaptive(model: ccpin.ReducedModel, period: float, gain: float) -> AdaptiveTracking:
     """The law, that knows nothing but the drawing at first."""
     start = model.alpha(model.mechanism.q_reference)
     places = np.vstack([start, start + np.tile(LEGS, (ROUNDS, 1))])
     reference = Waypoints(model, LEG * np.arange(len(places)), places)
-    learnt = {"gain": GAMMA, "adapted": "body", "bounds": SHARE}
+    learnt = {"gain": gain, "adapted": "body", "bounds": SHARE}
     return AdaptiveTracking(model, reference, SLOPE, [K, K], period=period, **learnt)
 
 
@@ -90,13 +91,13 @@ def learning(law: AdaptiveTracking, robot: ccpin.ReducedModel) -> tuple[np.ndarr
     return np.array(errors), np.array(estimates)
 
 
-def rises(law: AdaptiveTracking, runs: int) -> None:
+def rises(law: AdaptiveTracking, runs: int, gain: float) -> None:
     """How far V is above what it was before, for three periods."""
     draw = np.random.default_rng(0)
     true = draw.uniform(law.lower, law.upper, (runs, len(law.adapted)))
     away = draw.uniform(-1.0, 1.0, (2, runs, law.model.n))
     for period in (PERIOD, PERIOD / 2, PERIOD / 4):
-        V, taken = lyapunov_in_lanes(adaptive(law.model, period), true, 0.05 * away[0], 0.5 * away[1])
+        V, taken = lyapunov_in_lanes(adaptive(law.model, period, gain), true, 0.05 * away[0], 0.5 * away[1])
         rise = (V - np.minimum.accumulate(V, axis=0)).max()
         spent = 0.5 * period * np.cumsum(taken[1:] + taken[:-1], axis=0)
         above = (V[1:] - (V[0] - spent)).max()
