@@ -11,7 +11,7 @@ from ccpin.control import PointToPoint
 from ccpin.control.stability.tracking.tracking_equations import ReferencePieces
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.identification import AdaptiveTracking, certify_adaptive
-from ccpin.identification.adaptive_equations import AdaptiveEquations
+from ccpin.identification.adaptive_equations import AdaptiveEquations, _definite
 from ccpin.proof.facts import Fact, NotProvedError, prove
 
 CELLS = 12
@@ -216,6 +216,19 @@ def test_which_constants_only_add(known):
     mixed = np.stack([-own_body, own_body - unit[40], own_body + unit[40], own_body + 20.0 * unit[1]], axis=1)
     four = changed(own, basis=mixed)
     np.testing.assert_array_equal(four.adds, [False, False, True, False])
+
+
+@pytest.mark.parametrize(("more", "held"), [(1.03, True), (0.97, False)])
+def test_inertias_that_are_just_definite(more, held):
+    """m = 1, h = (c, 0, 0) and I of 1: the least eigenvalue is 1 − c, in units with a diagonal of ones."""
+    c = 1.0 - more * 1e-9
+    for unit in (1.0, 1e-3):
+        body = np.array([1.0, c * unit, 0.0, 0.0, unit**2, 0.0, unit**2, 0.0, 0.0, unit**2])
+        assert _definite(body) == held
+    assert _definite(np.array([1.0, *np.zeros(3), 1.0, 0.0, 1.0, 0.0, 0.0, 1.0]))
+    for place in (0, 4, 6, 9):
+        for value in (0.0, -1.0):
+            assert not _definite(one(np.array([1.0, *np.zeros(3), 1.0, 0.0, 1.0, 0.0, 0.0, 1.0]), value, place))
 
 
 # Certificates.

@@ -6,17 +6,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.control.stability.tracking.cell_forms import WIDEN, CellForms
+from ccpin.control.stability.tracking.cell_forms import WIDEN, CellForms, TimeCells
 from ccpin.control.stability.tracking.motion_bounds import Motion
 from ccpin.control.stability.tracking.tracking_equations import ReferencePieces
 from ccpin.identification import adaptive_bounds, adaptive_levels
-from ccpin.identification.adaptive_bounds import CellBounds, bounds_of
+from ccpin.identification.adaptive_bounds import CellBounds, _middle, bounds_of
 from ccpin.identification.adaptive_equations import AdaptiveGains
 from ccpin.identification.adaptive_levels import carried, decay_of, delayed, grip_of, levels_of
-from ccpin.identification.adaptive_states import AdaptiveStates, SmoothCells, states_of
+from ccpin.identification.adaptive_states import AdaptiveStates, SmoothCells, _jump, states_of
 from ccpin.proof.balls import Affine, affine
 from ccpin.proof.chords import Chord
 from ccpin.proof.facts import NotProvedError
+from ccpin.proof.rounding import SLACK
 
 K, N = 4, 2
 GAINS = AdaptiveGains(np.array([8.0, 5.0]), np.array([3.0, 2.0]), np.array([0.5, 2.0, 4.0]), 1e-2)
@@ -163,6 +164,8 @@ def test_the_decay_of_the_worst_inertia():
     ):
         top = np.linalg.eigvalsh(D[0] / np.sqrt(np.outer(gain, gain)))[-1] + 0.1 / 3.0
         np.testing.assert_allclose(decay_of(spread, gain), 2.0 / top, rtol=2e-9)
+    single = decay_of(affine(np.full((1, 1, 1), 3.0)), np.array([1.0]))
+    np.testing.assert_allclose(single, 2.0 / (3.0 * (1.0 + 1e-9)), rtol=1e-14)
     assert np.isnan(decay_of(affine(np.full((1, 2, 2), np.nan)), gain)).all()
     half = np.array([[[1.0, 0.0], [0.0, 1.0]], [[np.nan, 0.0], [0.0, 1.0]]])
     found = decay_of(affine(half), gain)
@@ -204,8 +207,11 @@ def test_damping_that_is_held():
     A[1, 0, 0] = np.nan
     assert np.isinf(delayed(A, gain)[1]).all()
     np.testing.assert_array_equal(delayed(A, gain)[2], found[2])
+    for size in (1.5, 2.5, 5.0):
+        assert np.isinf(delayed(np.array([[[size]]]), np.ones(1))).all()
+        assert np.isinf(delayed(np.diag([0.25, size])[None], np.ones(2))).all()
     single = delayed(np.array([[[0.25]]]), np.array([2.0]))
-    np.testing.assert_allclose(single, 2.0 / (1.0 - 0.5) * 0.25, rtol=1e-7)
+    np.testing.assert_allclose(single, 2.0 / (1.0 - 0.5) * 0.25 * (1.0 + 1e-8) * SLACK, rtol=1e-13)
 
 
 class FakeBounds:
@@ -293,6 +299,16 @@ def test_bounds_are_those_of_the_boxs_corners(monkeypatch):
         assert form.boxed == 2
 
 
+def test_a_box_is_within_its_half_of_its_middle():
+    """Of ends one unit in the last place apart, too, whichever of them the middle is rounded to."""
+    for lower in (np.array([1.0]), np.array([np.nextafter(1.0, 2.0)])):
+        upper = np.nextafter(lower, 9.0)
+        centre, half = _middle(lower, upper)
+        np.testing.assert_array_equal(half, upper - lower)
+        assert centre in (lower, upper)
+    np.testing.assert_array_equal(_middle(LOWER, UPPER), [0.5 * (LOWER + UPPER), 0.5 * (UPPER - LOWER)])
+
+
 def test_states_are_functions_of_time_errors_and_the_rate():
     """At corners of the parameters: q̇, v_r and a_r of e and s, and their rates with the cell's own ṡ and jerk."""
     rng, slope, count = np.random.default_rng(50), np.array([8.0, 5.0]), 3
@@ -357,6 +373,38 @@ def test_jumps_at_knots_are_mended_in_the_cell_after(order):
         np.testing.assert_allclose(more[2], 60.0 * 1e-11 * long ** (order - k), rtol=0.02)
         np.testing.assert_allclose(more[[0, 1]], 0.0, atol=1e-18)
         assert np.all(more[3] < 1e-2 * more[2])
+
+
+def test_what_strays_from_chords_is_kept():
+    """Without jumps all cells are the reference's own, but for rounding where they meet."""
+    reference = meeting(0.0)
+    motion = reference, reference.derivative(), reference.derivative().derivative()
+    times = np.array([0.0, 0.5, 1.0, 1.25, 1.5])
+    found, own = smooth(reference, times), TimeCells.of(motion, times)
+    assert own.place.deviation[0, 0] > 0.01
+    for name in ("place", "speed", "acceleration"):
+        mended, plain = getattr(found.cells, name), getattr(own, name)
+        np.testing.assert_allclose(mended.deviation, plain.deviation, atol=1e-9)
+        np.testing.assert_array_equal(mended.start, plain.start)
+        assert np.all(mended.deviation >= plain.deviation)
+
+
+def test_jumps_are_of_what_is_known_of_both_sides():
+    """From a cell's end to the next one's start, with the rounding of either."""
+    start, end, rounding = drawn(60, 3, 2), drawn(61, 3, 2), drawn(63, 3, 2, 2)
+    exact = np.abs(start[1:] - end[:-1]) + rounding[1:, 0] + rounding[:-1, 1]
+    found = _jump(Chord(start, end, 0.0 * start, rounding))
+    np.testing.assert_allclose(found, exact, rtol=1e-12)
+    assert np.all(found > exact)
+
+
+def test_every_coordinate_may_jump_by_rounding_only():
+    """One of two that jumps is enough."""
+    one, none = meeting(np.array([1e-3, 0.0, 0.0])), meeting(0.0)
+    for pair in ((one, none), (none, one)):
+        both = ReferencePieces(np.concatenate([each.c for each in pair], axis=2), none.x)
+        with pytest.raises(NotProvedError, match="jumps"):
+            smooth(both, [0.0, 1.0, 1.5])
 
 
 def test_what_mends_is_at_most_sixty():

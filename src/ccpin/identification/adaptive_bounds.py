@@ -13,7 +13,7 @@ from ccpin.identification.adaptive_equations import AdaptiveEquations
 from ccpin.identification.adaptive_states import AdaptiveStates
 from ccpin.identification.regressor_bounds import RegressorBounds
 from ccpin.proof.balls import Affine, product
-from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
+from ccpin.proof.rounding import SLACK
 
 _NUMBERS = 4e6  # in the largest array of one chunk
 
@@ -64,9 +64,8 @@ def _joined(parts: Sequence[Any]) -> Any:
 
 
 def _part(own: AdaptiveEquations, states: AdaptiveStates, room: Array) -> CellBounds:
-    n, span = states.error.mid.shape[1], (own.upper - own.lower) * (1.0 + 4.0 * UNIT_ROUNDOFF)
-    centre = 0.5 * (own.lower + own.upper)
-    half = np.maximum(own.upper - centre, centre - own.lower) * (1.0 + 4.0 * UNIT_ROUNDOFF)
+    n, span = states.error.mid.shape[1], own.upper - own.lower
+    centre, half = _middle(own.lower, own.upper)
     at = RegressorBounds(own.closures.system, own.masses, own.bodies, own.gravity, states.theta, states.asked.v)
     columns, rates = at.columns(states.asked, own.shares), at.rates(states.asked, states.rate, own.shares)
     still = Motion(states.asked.v, states.error, states.error * 0.0)
@@ -97,6 +96,12 @@ def _part(own: AdaptiveEquations, states: AdaptiveStates, room: Array) -> CellBo
         coupling=most(coupled),
         adapted=along * SLACK,
     )
+
+
+def _middle(lower: Array, upper: Array) -> tuple[Array, Array]:
+    """A box's middle as doubles, and how far its ends are from there at most, to a rounding that `SLACK` covers."""
+    centre = 0.5 * (lower + upper)
+    return centre, np.maximum(upper - centre, centre - lower)
 
 
 def _combined(x: Affine, place: Array) -> Affine:

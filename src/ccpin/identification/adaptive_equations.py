@@ -160,7 +160,7 @@ def _definite(bodies: Array) -> Mask:
         [o, -z, y, xx, xy, xz], [z, o, -x, xy, yy, yz], [-y, x, o, xz, yz, zz],
     ]  # fmt: skip
     M = np.moveaxis(np.array(rows), (0, 1), (-2, -1))
-    size = np.sqrt(np.maximum(np.diagonal(M, axis1=-2, axis2=-1), 0.0))
-    there = np.all(size > 0.0, axis=-1)
-    scaled = M / np.where(there[..., None, None], size[..., :, None] * size[..., None, :], 1.0)
-    return np.asarray(there & (np.linalg.eigvalsh(scaled)[..., 0] > _DEFINITE))
+    own = np.diagonal(M, axis1=-2, axis2=-1)
+    size = np.sqrt(np.where(own > 0.0, own, 1.0))
+    scaled = M / (size[..., :, None] * size[..., None, :])
+    return np.asarray(np.linalg.eigvalsh(scaled)[..., 0] > _DEFINITE)

@@ -114,13 +114,14 @@ def grip_of(inertia: Affine, X: Array) -> Array:
 
 
 def delayed(moved: Array, damping: Array) -> Array:
-    """K(I − AK)⁻¹A at most, A = `moved` (K, n, n) ≥ 0; infinite where ρ(AK) < 1 is not proved."""
+    """K(I − AK)⁻¹A at most, A = `moved` (K, n, n) ≥ 0; infinite where ρ(AK) < 1 is not proved.
+
+    W ≥ 0 with W − AK W ≥ 1 proves it, and is above (1 − AK)⁻¹.
+    """
     loop = moved * damping
     identity, found = np.eye(len(damping)), np.full(loop.shape, np.inf)
-    usable = np.asarray(np.isfinite(loop).all(axis=(1, 2)))
-    solved = inverses(np.where(usable[:, None, None], identity - loop, identity))
-    above = np.abs(solved @ (identity + _ROOM))  # any W ≥ 0 with W − AK W ≥ I is above the inverse, and proves it
-    held = usable & np.asarray(np.all(above - (loop @ above) * SLACK >= identity, axis=(1, 2)))
+    above = np.abs(inverses(identity - loop) @ (identity + _ROOM))
+    held = np.all(above - (loop @ above) * SLACK >= identity, axis=(1, 2))
     found[held] = (damping[:, None] * (above @ moved))[held] * SLACK
     return found
 
