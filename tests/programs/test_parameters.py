@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import ccpin
 from ccpin import programs
@@ -167,6 +168,22 @@ def _at(frame, position):
     frame = np.array(frame)
     frame[:3, 3] = position
     return frame
+
+
+def test_turns_of_frames():
+    """Of joints whose axes leave the plane and of a ball's carrier, in x, y, z's order, against frames turned here."""
+    description = ccpin.load("stewart").description
+    names = ["turn:leg2_pitch/x", "turn:leg2_pitch/y", "turn:leg2_pitch/z", "turn:leg4_extension/x"]
+    p = np.array([0.01, -0.02, 0.03, 0.015])
+    joints = {}
+    for name, angles in (("leg2_pitch", p[:3]), ("leg4_extension", (p[3], 0.0, 0.0))):
+        stated = next(joint for joint in description.joints if joint.name == name)
+        placement = np.array(stated.placement)
+        placement[:3, :3] = Rotation.from_euler("xyz", angles).as_matrix() @ placement[:3, :3]
+        joints[name] = replace(stated, placement=placement)
+    model, changed = ccpin.ReducedModel(ccpin.load(description)), ccpin.load(altered(description, joints=joints))
+    np.testing.assert_array_equal(np.array(recorded(model, names, ("closure",)).example)[-4:], 0.0)
+    closed(model, names, p, changed)
 
 
 def test_ratios_of_couplings():

@@ -4,7 +4,7 @@ from ccpin.dynamics.changed_constants import with_constants
 from ccpin.identification.adaptive_certificate import certify_adaptive
 from ccpin.identification.adaptive_tracking import AdaptiveTracking
 from ccpin.identification.calibration import calibrate
-from ccpin.identification.calibration_poses import calibration_poses
+from ccpin.identification.chosen_poses import calibration_poses
 from ccpin.identification.consistency import consistent
 from ccpin.identification.estimation import identify
 from ccpin.identification.exciting_motions import excitation
