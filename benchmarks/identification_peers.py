@@ -35,6 +35,7 @@ from ccpin.identification import Log, identify, smoothed
 
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
 CUTOFF = 10.0  # Hz, of FIGAROH's filter of positions
+EDGE = 0.2  # s, at either end of a log, where that filter takes positions before and after to be 0
 PIECE, EVERY, ITERATIONS = 25, 50, 12  # samples of a piece for MuJoCo, samples between two; steps of its search
 
 
@@ -94,6 +95,7 @@ def by_figaroh(model: ccpin.ReducedModel, tree: Sequence[str], log: Log, unseen:
         "has_joint_offset": False,
         "is_joint_torques": True,
         "is_external_wrench": False,
+        "qr_relative_tolerance": 1e-4,
         "active_joints": list(tree),
         "act_idxq": list(range(len(tree))),
         "act_idxv": list(range(len(tree))),
@@ -127,6 +129,7 @@ def by_figaroh(model: ccpin.ReducedModel, tree: Sequence[str], log: Log, unseen:
         assert tuple(robot.model.names[1:]) == tuple(tree)
         found = Identification(robot, "")
         found.initialize()
+        found._sample_mask = (log.t > EDGE) & (log.t < log.t[-1] - EDGE)
         found.solve(decimate=False, plotting=False, wls=True)
         there, v = model.terms_many(unseen[0], unseen[1]), unseen[1]
         places = [model.mechanism.tree.joint(name).v.start for name in tree]
@@ -187,7 +190,8 @@ def by_mujoco(model: ccpin.ReducedModel, log: Log) -> np.ndarray:
     names = [str(k) for k in range(len(pieces))]
     runs = sysid.ModelSequences("rpdr", spec, names, states, controls, sensors)
     residual = sysid.build_residual_fn(models_sequences=[runs], n_threads=1)
-    best, _ = sysid.optimize(parameters, residual, verbose=False, max_iters=ITERATIONS)
+    with redirect_stdout(StringIO()):
+        best, _ = sysid.optimize(parameters, residual, verbose=False, max_iters=ITERATIONS)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "found.xml"
         path.write_text(sysid.apply_param_modifiers_spec(best, spec.copy()).to_xml())
