@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 
 import ccpin
-from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.identification import Log, consistent, excitation, identify, with_constants
 
 MODELS = {
@@ -132,7 +131,7 @@ def along(model: ccpin.ReducedModel, motion: Any) -> tuple[np.ndarray, np.ndarra
 def check(model: ccpin.ReducedModel, states: tuple[np.ndarray, ...], Y: np.ndarray) -> None:
     """The first robot's efforts are inverse dynamics of its description, and friction."""
     told, pi = model.parameters, another(model, np.random.default_rng(0))
-    changed = with_constants(model, DynamicParameters(told.names, told.kinds, told.units, pi))
+    changed = with_constants(model, type(told)(told.names, told.kinds, told.units, pi))
     robot = ccpin.ReducedModel(ccpin.load(changed))
     q, v, a = (block[::50] for block in states)
     there = robot.terms_many(q, v)
