@@ -1,27 +1,47 @@
-"""Constants found from simulated logs: `python -m benchmarks.identification [MODEL …] [--runs N] [--consistent]`.
+"""Constants found from simulated logs: `python -m benchmarks.identification [MODEL …] [--runs N] [--into FILE] …`.
 
 Each run is another robot: every body's ten numbers are up to a fifth off what the file says (all alike, so that they
 stay a body's), every joint rubs, and the log has noise: a fiftieth of the efforts' root mean square, and of encoders
-1e-5 rad or m. Told: how many of all 95 % intervals hold the true combination, the largest bias in deviations, the
-efforts that the found constants miss on a motion that was not in the log (over their root mean square, noise apart),
-beside those that the file's miss; `--consistent`: those of physically consistent constants, too.
+1e-5 rad or 1e-6 m. All robots of a model make the same motion; their efforts are Y π, which for the first one is held
+against the inverse dynamics of the changed description.
+
+Told: how many of all 95 % intervals hold the true combination, the root mean square and the largest mean of errors in
+standard deviations, the efforts that the found constants miss on a motion that was not in the log (over their root mean
+square, noise apart), beside those that the file's miss; `--consistent`: those of physically consistent constants, too.
+`--into FILE` appends a line of JSON a robot as it is found, and a second run goes on where the first one ended.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
+from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import ccpin
-from ccpin.identification import Log, consistent, excitation, identify
+from ccpin.identification import Log, consistent, excitation, identify, with_constants
 
-MODELS = {"rpdr": (0.35, 3.0), "four_bar": (0.35, 3.0), "planar_3rrr": (0.2, 2.0), "delta": (0.3, 3.0)}
+MODELS = {
+    "rpdr": (0.35, 3.0),
+    "four_bar": (0.35, 3.0),
+    "slider_crank": (0.35, 3.0),
+    "planar_3rrr": (0.2, 2.0),
+    "delta": (0.3, 3.0),
+    "bennett": (0.35, 3.0),
+    "sarrus": (0.35, 3.0),
+    "docs/howto/ankle.urdf": (0.3, 3.0),
+    "stewart": (0.03, 0.3),
+    "hexa": (0.05, 0.5),
+}
 """Half width of the box of q, and speed."""
-RATE, DURATION, EFFORT, ENCODER, OFF = 1000.0, 5.0, 0.02, 1e-5, 0.2
+RATE, DURATION, EFFORT, OFF = 500.0, 5.0, 0.02, 0.2
+ENCODER = {False: 1e-5, True: 1e-6}
+"""Of a joint that turns, rad, or slides, m."""
+NAMES = ("found", "stated", "consistent")
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -30,45 +50,75 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("models", nargs="*", default=list(MODELS), help="installed models' names, or files")
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--consistent", action="store_true")
+    parser.add_argument("--into", type=Path, help="a file of JSON lines")
     asked = parser.parse_args(arguments)
     for name in asked.models:
-        told(name, asked.runs, asked.consistent)
+        told(name, asked.runs, asked.consistent, asked.into)
 
 
-def told(name: str, runs: int, consistently: bool) -> None:
+def told(name: str, runs: int, consistently: bool, into: Path | None = None) -> None:
     """Excite, log and identify one mechanism again and again."""
     model = ccpin.ReducedModel(ccpin.load(name))
-    half, speed = MODELS.get(name, (0.15, 2.0))
-    middle = model.alpha(model.mechanism.q_reference)
-    box = {"lower": middle - half, "upper": middle + half, "speed": speed, "starts": 60, "iterations": 20}
-    begin = time.perf_counter()
-    shown, unseen = (excitation(model, DURATION, **box, seed=seed) for seed in (1, 2))
-    print(f"{Path(name).stem}: {shown.told}; {time.perf_counter() - begin:.0f} s for two motions", flush=True)
+    shown, unseen = motions(model, *MODELS.get(name, (0.15, 2.0)))
     t, Y, states = along(model, shown)
     Y_unseen = along(model, unseen)[1]
-    within, off, missed = [], [], []
-    begin = time.perf_counter()
-    for run in range(runs):
-        draw = np.random.default_rng(run)
+    check(model, states, Y)
+    lines = [line for line in read(into) if line["model"] == name and (len(line["missed"]) == 3) == consistently]
+    print(f"{Path(name).stem}: {shown.told}", flush=True)
+    for run in range(len(lines), runs):
+        begin, draw = time.process_time(), np.random.default_rng(run)
         truth = another(model, draw)
-        tau = Y @ truth
-        log = logged(model, t, states[0], tau, draw)
-        found = identify(model, log)
-        away = (found.values - found.multiples @ truth) / found.deviations
-        within.append(np.abs(away) < 1.96)
-        off.append(away)
-        efforts = Y_unseen @ truth
+        found = identify(model, logged(model, t, states[0], Y @ truth, draw))
         sets = [found.parameters.values, model.parameters.values]
         sets += [consistent(model, found).values] if consistently else []
+        efforts = Y_unseen @ truth
         size = np.sqrt((efforts**2).mean())
-        missed.append([np.sqrt(((Y_unseen @ each - efforts) ** 2).mean()) / size for each in sets])
-    each = (time.perf_counter() - begin) / runs
-    held, bias = 100.0 * np.mean(within), np.abs(np.mean(off, axis=0)).max()
-    error = 100.0 * np.sqrt(np.mean(np.square(missed), axis=0))
-    print(f"  {runs} robots, {np.size(within)} intervals: {held:.1f} % hold; mean error at most {bias:.2f} deviations")
-    names = ("found", "stated", "consistent")
-    print("  missed, unseen: " + ", ".join(f"{who} {x:.3g} %" for who, x in zip(names, error, strict=False)), end="")
-    print(f"; {each:.1f} s a robot", flush=True)
+        lines.append(
+            {
+                "model": name,
+                "run": run,
+                "combinations": [each.split()[0] for each in found.combinations],
+                "away": [
+                    np.round(found.multiples @ (each - truth) / found.deviations, 4).tolist() for each in sets[::2]
+                ],
+                "missed": [float(np.sqrt(((Y_unseen @ each - efforts) ** 2).mean()) / size) for each in sets],
+                "s": round(time.process_time() - begin, 3),
+            }
+        )
+        if into is not None:
+            with into.open("a") as file:
+                file.write(json.dumps(lines[-1]) + "\n")
+    print(summary(lines), flush=True)
+
+
+def summary(lines: list[dict[str, Any]]) -> str:
+    """What all robots of a model say together."""
+    off, by_name = np.concatenate([line["away"][0] for line in lines]), defaultdict(list)
+    for line in lines:
+        for name, away in zip(line["combinations"], line["away"][0], strict=True):
+            by_name[name].append(away)
+    mean = max((abs(float(np.mean(each))) for each in by_name.values() if 2 * len(each) > len(lines)), default=np.nan)
+    error = 100.0 * np.sqrt(np.mean(np.square([line["missed"] for line in lines]), axis=0))
+    rms = [np.sqrt(np.mean(np.square(np.concatenate(each)))) for each in zip(*(x["away"] for x in lines), strict=True)]
+    missed = ", ".join(f"{who} {x:.3g} %" for who, x in zip(NAMES, error, strict=False))
+    return (
+        f"  {len(lines)} robots, {off.size} intervals: {100.0 * np.mean(np.abs(off) < 1.96):.1f} % hold; errors in "
+        f"deviations: RMS {', consistent '.join(f'{x:.2f}' for x in rms)}, mean at most {mean:.2f}\n"
+        f"  missed, unseen: {missed}; {np.mean([line['s'] for line in lines]):.2f} s of one core a robot"
+    )
+
+
+def read(path: Path | None) -> list[dict[str, Any]]:
+    """Lines of an earlier run."""
+    return [json.loads(line) for line in path.read_text().splitlines()] if path is not None and path.exists() else []
+
+
+def motions(model: ccpin.ReducedModel, half: float, speed: float) -> tuple[Any, Any]:
+    """A motion that shows constants well, and another one that was not made to."""
+    middle = model.alpha(model.mechanism.q_reference)
+    box = {"lower": middle - half, "upper": middle + half, "speed": speed}
+    shown = excitation(model, DURATION, **box, starts=60, iterations=20 // model.n, seed=1)
+    return shown, excitation(model, DURATION, **box, starts=5, iterations=0, seed=2)
 
 
 def along(model: ccpin.ReducedModel, motion: Any) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]:
@@ -76,6 +126,18 @@ def along(model: ccpin.ReducedModel, motion: Any) -> tuple[np.ndarray, np.ndarra
     t = np.arange(0.0, DURATION, 1.0 / RATE)
     states = tuple(np.array(rows) for rows in zip(*map(motion.reference.at, t), strict=True))
     return t, model.regressor_many(*states), states
+
+
+def check(model: ccpin.ReducedModel, states: tuple[np.ndarray, ...], Y: np.ndarray) -> None:
+    """The first robot's efforts are inverse dynamics of its description, and friction."""
+    told, pi = model.parameters, another(model, np.random.default_rng(0))
+    changed = with_constants(model, type(told)(told.names, told.kinds, told.units, pi))
+    robot = ccpin.ReducedModel(ccpin.load(changed))
+    q, v, a = (block[::50] for block in states)
+    there = robot.terms_many(q, v)
+    rubbing = robot.mechanism.joints.friction * np.sign(np.einsum("sij,sj->si", there.rho, v))
+    efforts = robot.inverse_dynamics_many(q, v, a) + np.einsum("sij,si->sj", there.rho, rubbing)
+    assert np.abs(efforts - Y[::50] @ pi).max() <= 1e-9 * np.abs(efforts).max()
 
 
 def another(model: ccpin.ReducedModel, draw: np.random.Generator) -> np.ndarray:
@@ -94,7 +156,8 @@ def logged(model: ccpin.ReducedModel, t: np.ndarray, q: np.ndarray, tau: np.ndar
     """Positions and efforts with noise, of a mechanism whose motors are on its coordinates."""
     names, size = model.mechanism.independent, np.sqrt((tau**2).mean(axis=0))
     assert names == model.mechanism.actuated
-    columns = {f"q_{name}": q[:, k] + ENCODER * draw.normal(size=len(t)) for k, name in enumerate(names)}
+    encoders = [ENCODER[model.mechanism.tree.joint(name).kind.sliding] for name in names]
+    columns = {f"q_{name}": q[:, k] + encoders[k] * draw.normal(size=len(t)) for k, name in enumerate(names)}
     noise = EFFORT * size * draw.normal(size=tau.shape)
     return Log(t, columns | {f"u_{name}": (tau + noise)[:, k] for k, name in enumerate(names)})
 

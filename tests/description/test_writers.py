@@ -502,3 +502,12 @@ def test_names_in_sdf_are_unique(tmp_path):
         other = replace(gear, joints=(replace(gear.joints[0], name=name), *gear.joints[1:]))
         with pytest.raises(DescriptionError, match=f"'{name}'.*SDFormat keeps"):
             write_sdf(other, tmp_path / "none.sdf")
+
+
+def test_a_rotor_on_a_joint_without_a_motor_is_a_urdf_that_others_read(tmp_path):
+    """urdfdom, which Pinocchio reads with, refuses <dynamics> that says neither damping nor friction."""
+    gear = read_description_of(GEAR)
+    turned = tuple(replace(joint, armature=0.5) for joint in gear.joints)
+    write_urdf(replace(gear, joints=turned), tmp_path / "gear.urdf")
+    assert set(pin.buildModelFromUrdf(str(tmp_path / "gear.urdf")).names) >= {"shoulder", "spin", "turn"}
+    assert [joint.armature for joint in read_description(tmp_path / "gear.urdf").joints] == [0.5, 0.5, 0.5]

@@ -10,7 +10,18 @@ from ccpin.description.finding import find_file
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.identification import Log, smoothed
 from ccpin.identification.log import position
-from ccpin.identification.penalized_splines import Knots, Measurements, fitted, spread, variances
+from ccpin.identification.penalized_splines import (
+    Knots,
+    Measurements,
+    apart,
+    banded,
+    fitted,
+    freedom,
+    inverse_band,
+    normal_equations,
+    spread,
+    variances,
+)
 
 NOISE = 2e-4
 T = np.arange(0.0, 1.0, 2.5e-3)
@@ -41,13 +52,16 @@ def test_the_spline_is_the_dense_minimiser():
     slopes, s = rng.normal(size=(40, n)), rng.uniform(0.5, 2.0, 40)
     rows = Measurements(spread(knots.basis(t, 1), slopes), rng.normal(size=40), s)
     direct = np.kron(knots.roughness().toarray(), np.diag([1e-4, 1e-3])) + 1e-3 * np.eye(knots.size * n)
-    fit = fitted(rows, sparse.csr_array(direct), n)
+    normal, penalty = normal_equations(rows, n), banded(sparse.csr_array(direct), n)
+    fit = fitted(normal, penalty)
     x = rows.matrix.toarray() / s[:, None]
     inverse = np.linalg.inv(x.T @ x + direct)
     assert np.allclose(fit.c.ravel(), inverse @ x.T @ (rows.y / s), rtol=1e-9, atol=1e-12)
-    assert np.isclose(fit.freedom, np.trace(x @ inverse @ x.T), rtol=1e-9)
+    assert np.isclose(freedom(normal, penalty), np.trace(x @ inverse @ x.T), rtol=1e-9)
     asked = spread(knots.basis(t), np.tile([0.0, 1.0], (40, 1)))
-    assert np.allclose(variances(fit, asked), np.einsum("ri,ij,rj->r", asked.toarray(), inverse, asked.toarray()))
+    wanted = np.einsum("ri,ij,rj->r", asked.toarray(), inverse, asked.toarray())
+    assert np.allclose(variances(inverse_band(fit.factor), asked), wanted)
+    assert np.allclose(variances(inverse_band(fit.factor), apart(knots.basis(t), n)[1]), wanted)
 
 
 def test_derivatives_of_the_basis_are_those_of_their_splines():

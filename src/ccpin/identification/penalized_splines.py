@@ -5,8 +5,10 @@ Of c, the coefficients of q(t) = Σ_j B_j(t) c_j (quintic B-splines on even knot
     Σ_r (y_r − g_r·B⁽ᵈ⁾(t_r) c)² / s_r² + Σ_i λ_i ∫ q⃛_i² dt
 
 (P. Eilers and B. Marx, Flexible smoothing with B-splines and penalties, Statistical Science 11, 1996). It has no phase:
-time reversed, the answer is. The normal matrix is banded, (6n − 1) below the diagonal, where c is ordered knot by knot;
-its inverse within the band (K. Takahashi, J. Fagan and M. Chen, 1973) tells how sure q and its derivatives are.
+time reversed, the answer is. The normal matrix A = N + P, N the measurements' share, is banded, (6n − 1) below the
+diagonal, where c is ordered knot by knot; its inverse within the band (K. Takahashi, J. Fagan and M. Chen, 1973) tells
+how sure q and its derivatives are. How many numbers the fit has free is tr A⁻¹N, the derivative of log det(s N + P) at
+s = 1, which one factorisation at s = 1 + iε tells to rounding.
 """
 
 from __future__ import annotations
@@ -17,12 +19,14 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg.lapack import zgbtrf
 
 from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError
 
 DEGREE = 5
 """Of the spline; its third derivative is penalised."""
+_STEP = 1e-30  # so far off the real line that its square is nothing
 _GAUSS = np.polynomial.legendre.leggauss(3)  # exact for squares of third derivatives of quintics
 
 
@@ -78,49 +82,76 @@ class Measurements(NamedTuple):
     s: Array
 
 
+class NormalEquations(NamedTuple):
+    """N c = r of measurements.
+
+    Attributes:
+        band: N, a lower band: entry (k, j) is N's (j + k, j).
+        right: r, of shape (size · n,).
+        rows: The measurements.
+        n: Coordinates.
+    """
+
+    band: Array
+    right: Array
+    rows: Measurements
+    n: int
+
+
 class SplineFit(NamedTuple):
     """A minimiser.
 
     Attributes:
         c: Coefficients, of shape (size, n).
-        inverse: The inverse of the normal matrix within its band: entry (k, j) is that of (j + k, j).
-        freedom: Effective degrees of freedom, the trace of the hat matrix.
+        factor: L of A = L Lᵀ, a lower band.
         residuals: y − g·B c, of shape (R,).
     """
 
     c: Array
-    inverse: Array
-    freedom: float
+    factor: Array
     residuals: Array
 
 
-def fitted(rows: Measurements, penalty: Any, n: int) -> SplineFit:
-    """The minimiser for a penalty matrix Σ λ_i ∫ q⃛_i² = cᵀ P c.
+def normal_equations(rows: Measurements, n: int) -> NormalEquations:
+    """N and r of measurements that are weighted by their deviations."""
+    weighted = sparse.diags_array(1.0 / rows.s) @ rows.matrix
+    return NormalEquations(banded((weighted.T @ weighted).tocsr(), n), weighted.T @ (rows.y / rows.s), rows, n)
+
+
+def fitted(normal: NormalEquations, penalty: Array) -> SplineFit:
+    """The minimiser for a penalty Σ λ_i ∫ q⃛_i² = cᵀ P c, P a lower band.
 
     Raises:
         InvalidInputError: The measurements do not determine a motion.
     """
-    weighted = sparse.diags_array(1.0 / rows.s) @ rows.matrix
-    normal = (weighted.T @ weighted).tocsr()
-    width = (DEGREE + 1) * n - 1
     try:
-        factor = cholesky_banded(_band(normal + penalty, width), lower=True)
+        factor = cholesky_banded(normal.band + penalty, lower=True)
     except np.linalg.LinAlgError:
         raise InvalidInputError("too few samples: they do not determine a smooth motion") from None
-    c = cho_solve_banded((factor, True), weighted.T @ (rows.y / rows.s))
-    inverse = _inverse_band(factor)
-    told = inverse * _band(normal, width)
-    return SplineFit(c.reshape(-1, n), inverse, float(2.0 * told.sum() - told[0].sum()), rows.y - rows.matrix @ c)
+    c = cho_solve_banded((factor, True), normal.right)
+    return SplineFit(c.reshape(-1, normal.n), factor, normal.rows.y - normal.rows.matrix @ c)
 
 
-def variances(fit: SplineFit, rows: Any) -> Array:
-    """x_rᵀ A⁻¹ x_r for rows within the band, of shape (R,)."""
+def freedom(normal: NormalEquations, penalty: Array) -> float:
+    """The effective degrees of freedom of a fit, the trace of its hat matrix: tr A⁻¹N."""
+    band = normal.band + penalty + 1j * _STEP * normal.band
+    width = len(band) - 1
+    both = np.zeros((3 * width + 1, band.shape[1]), dtype=np.complex128, order="F")  # LAPACK's: room above for pivoting
+    both[2 * width :] = band
+    for k in range(1, width + 1):
+        both[2 * width - k, k:] = band[k, :-k]
+    pivots = zgbtrf(both, width, width, overwrite_ab=True)[0][2 * width]
+    return float((pivots.imag / pivots.real).sum() / _STEP)
+
+
+def variances(inverse: Array, rows: Any) -> Array:
+    """x_rᵀ A⁻¹ x_r for rows within the band of A⁻¹ (`inverse_band`), of shape (R,)."""
     rows = rows.tocsr()
     count = np.diff(rows.indptr)[0]
     columns, values = rows.indices.reshape(-1, count), rows.data.reshape(-1, count)
     low = np.minimum(columns[:, :, None], columns[:, None, :])
     apart = np.abs(columns[:, :, None] - columns[:, None, :])
-    found: Array = np.einsum("ri,rij,rj->r", values, fit.inverse[apart, low], values)
+    found: Array = np.einsum("ri,rij,rj->r", values, inverse[apart, low], values)
     return found
 
 
@@ -134,17 +165,24 @@ def spread(design: Any, slopes: Array) -> Any:
     return sparse.csr_array((values.ravel(), columns.ravel(), ends), shape=(len(slopes), design.shape[1] * n))
 
 
-def _band(matrix: Any, width: int) -> Array:
-    """The lower band of a symmetric sparse matrix, as SciPy's banded routines take it."""
-    size = matrix.shape[0]
+def apart(design: Any, n: int) -> list[Any]:
+    """Rows Σ_j B_j(t) c_jk of each coordinate k alone: sparse matrices (R, size · n)."""
+    design, columns = design.tocsr(), design.shape[1] * n
+    shape = (design.shape[0], columns)
+    return [sparse.csr_array((design.data, design.indices * n + k, design.indptr), shape=shape) for k in range(n)]
+
+
+def banded(matrix: Any, n: int) -> Array:
+    """The lower band of a symmetric matrix over n coordinates' coefficients, as SciPy's banded routines take it."""
+    width, size = (DEGREE + 1) * n - 1, matrix.shape[0]
     band = np.zeros((width + 1, size))
     for k in range(min(width + 1, size)):
         band[k, : size - k] = matrix.diagonal(-k)
     return band
 
 
-def _inverse_band(factor: Array) -> Array:
-    """The entries of (L Lᵀ)⁻¹ within the band of L, which is given as a lower band."""
+def inverse_band(factor: Array) -> Array:
+    """The entries of (L Lᵀ)⁻¹ within the band of L, both lower bands."""
     width, size = len(factor) - 1, factor.shape[1]
     inverse = np.zeros_like(factor)
     near = np.zeros((width, width))  # entries of the inverse between the `width` columns that follow

@@ -20,7 +20,20 @@ from ccpin.arrays import Array, Indices, instance, positive
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import ConvergenceError, InvalidInputError
 from ccpin.identification.log import Log, one_position, position, require_plain
-from ccpin.identification.penalized_splines import DEGREE, Knots, Measurements, SplineFit, fitted, spread, variances
+from ccpin.identification.penalized_splines import (
+    DEGREE,
+    Knots,
+    Measurements,
+    SplineFit,
+    apart,
+    banded,
+    fitted,
+    freedom,
+    inverse_band,
+    normal_equations,
+    spread,
+    variances,
+)
 from ccpin.mechanism.mechanism import Mechanism
 
 _BEYOND = 5.0  # standard deviations: Gaussian noise is farther off once in 1.7 million samples
@@ -67,8 +80,10 @@ class Smoothed(NamedTuple):
 
     def forces(self, model: ReducedModel, rows: Indices) -> Array:
         """ρᵀSᵀu at some samples, N m or N, of shape (len(rows), n)."""
-        placed = zip(self.q[rows], self.u[rows], strict=True)
-        return np.array([model.at(q).generalized_force(u) for q, u in placed]).reshape(len(rows), model.n)
+        if model.actuation is None:
+            return self.u[rows]
+        rho = model.terms_many(self.q[rows], self.v[rows]).rho
+        return np.asarray(np.einsum("sij,ki,sk->sj", rho, model.actuation, self.u[rows], optimize=True))
 
 
 class _Alone(NamedTuple):
@@ -124,11 +139,12 @@ def smoothed(
         alone[name], found = _alone(name, log.t, column, knots, basis[0], stated, smoothness)
         outliers += found
     weights = np.array([alone[f"q_{part.name}"].weight for part in parts])
-    penalty = sparse.kron(knots.roughness(), sparse.diags_array(weights)).tocsr()
+    penalty = banded(sparse.kron(knots.roughness(), sparse.diags_array(weights)).tocsr(), model.n)
     c = np.column_stack([alone[f"q_{part.name}"].fit.c for part in parts])
     fit = _together(model, basis, measured, alone, penalty, c)
     q, v, a = (np.asarray(each @ fit.c) for each in basis)
-    q_deviation, v_deviation, a_deviation = (_deviations(fit, each, model.n) for each in basis)
+    inverse = inverse_band(fit.factor)
+    q_deviation, v_deviation, a_deviation = (_deviations(inverse, each, model.n) for each in basis)
     names = model.mechanism.actuated
     efforts = [log.columns.get(f"u_{name}", np.full(len(log.t), np.nan)) for name in names]
     u = np.column_stack(efforts) if efforts else np.zeros((len(log.t), 0))
@@ -137,10 +153,9 @@ def smoothed(
     return Smoothed(log.t, q, v, a, u, q_deviation, v_deviation, a_deviation, told, left_out)
 
 
-def _deviations(fit: SplineFit, design: Any, n: int) -> Array:
+def _deviations(inverse: Array, design: Any, n: int) -> Array:
     """Standard deviations of the coordinates' values or derivatives, of shape (T, n)."""
-    units = (np.tile(unit, (design.shape[0], 1)) for unit in np.eye(n))
-    return np.sqrt(np.column_stack([variances(fit, spread(design, each)) for each in units]))
+    return np.sqrt(np.column_stack([variances(inverse, each) for each in apart(design, n)]))
 
 
 def _alone(
@@ -153,8 +168,8 @@ def _alone(
         if kept.sum() <= DEGREE:
             raise InvalidInputError(f"'{name}' has {kept.sum()} samples that count; a motion takes more")
         matrix, y = basis[kept], column[kept]
-        fit, weight = _chosen(matrix, y, roughness, stated, smoothness)
-        left = max(kept.sum() - fit.freedom, 1.0)
+        fit, weight, free = _chosen(matrix, y, roughness, stated, smoothness)
+        left = max(kept.sum() - free, 1.0)
         usual = 1.4826 * float(np.median(np.abs(fit.residuals))) * np.sqrt(kept.sum() / left)
         about = 1.4826 * median_filter(np.abs(fit.residuals), _ABOUT, mode="nearest")
         off = np.abs(fit.residuals) / np.maximum(about, max(stated or 0.0, usual, _LEAST * np.abs(y).max()))
@@ -168,18 +183,21 @@ def _alone(
         kept[np.flatnonzero(kept)[worst]] = False
 
 
-def _chosen(matrix: Any, y: Array, roughness: Any, stated: float | None, smoothness: float) -> tuple[SplineFit, float]:
-    """The fit of a column whose weight cross-validates best, or leaves residuals as large as its noise explains."""
-    rows, count = Measurements(matrix, y, np.ones(len(y))), len(y)
-    unit = float((matrix.T @ matrix).trace() / roughness.trace())
+def _chosen(
+    matrix: Any, y: Array, roughness: Any, stated: float | None, smoothness: float
+) -> tuple[SplineFit, float, float]:
+    """A column's fit whose weight cross-validates best, or leaves residuals as large as its noise explains; freedom."""
+    count = len(y)
+    normal = normal_equations(Measurements(matrix, y, np.ones(count)), 1)
+    unit, rough = float((matrix.T @ matrix).trace() / roughness.trace()), banded(roughness, 1)
 
-    def tried(logarithm: float) -> tuple[SplineFit, float]:
+    def tried(logarithm: float) -> tuple[SplineFit, float, float]:
         weight = unit * 10.0**logarithm
-        return fitted(rows, weight * roughness, 1), weight
+        return fitted(normal, weight * rough), weight, freedom(normal, weight * rough)
 
     def score(logarithm: float) -> float:
-        fit, _ = tried(logarithm)
-        left, square = max(count - fit.freedom, 1e-9 * count), float(fit.residuals @ fit.residuals)
+        fit, _, free = tried(logarithm)
+        left, square = max(count - free, 1e-9 * count), float(fit.residuals @ fit.residuals)
         if stated is not None:
             return abs(float(np.log(max(square, np.finfo(float).tiny) / (stated**2 * left))))
         return float(np.log(max(square, np.finfo(float).tiny)) - 2.0 * np.log(left))
@@ -197,7 +215,7 @@ def _together(
     basis: list[Any],
     measured: Mapping[str, Array],
     alone: Mapping[str, _Alone],
-    penalty: Any,
+    penalty: Array,
     c: Array,
 ) -> SplineFit:
     """All sensors fitted at once, by Gauss and Newton's iteration from the coordinates' own splines."""
@@ -208,11 +226,8 @@ def _together(
     for _ in range(_ITERATIONS):
         rows = [*direct, *(_linearised(model, basis, measured, alone, others, c) if others else ())]
         matrix = sparse.vstack([each.matrix for each in rows]).tocsr()
-        fit = fitted(
-            Measurements(matrix, *(np.concatenate(parts) for parts in list(zip(*rows, strict=True))[1:])),
-            penalty,
-            model.n,
-        )
+        together = Measurements(matrix, *(np.concatenate(parts) for parts in list(zip(*rows, strict=True))[1:]))
+        fit = fitted(normal_equations(together, model.n), penalty)
         step, c = float(np.abs(basis[0] @ (fit.c - c)).max()), fit.c
         if not others or step <= _CLOSE:
             return fit

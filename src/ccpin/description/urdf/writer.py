@@ -77,7 +77,8 @@ def write_urdf(description: MechanismDescription, path: str | Path, loops: str =
             etree.SubElement(actuator, "mechanicalReduction").text = str(stated.gear)
     for name, inertia in armature.items():
         dynamics = joints[name].find("dynamics")
-        dynamics = etree.SubElement(joints[name], "dynamics") if dynamics is None else dynamics
+        if dynamics is None:  # other readers refuse one that says neither
+            dynamics = etree.SubElement(joints[name], "dynamics", damping="0.0", friction="0.0")
         dynamics.set("armature", str(inertia))
     for joint in description.joints:
         if joint.stiffness:
