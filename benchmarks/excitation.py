@@ -10,12 +10,12 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import ccpin
 from ccpin.identification import excitation
-from ccpin.identification.felt_combinations import Motions, effects, kinds_of
 
 MODELS = {
     "rpdr": (0.35, 3.0), "four_bar": (0.4, 3.0), "docs/howto/ankle.urdf": (0.2, 2.0), "planar_3rrr": (0.2, 2.0),
@@ -48,7 +48,7 @@ def told(name: str, count: int, starts: int, iterations: int) -> None:
     )
     spent = time.perf_counter() - begin
     print(f"{Path(name).stem}: {found.told}; trace {found.trace:.3g}, share of limits {found.share:.3f}; {spent:.0f} s")
-    condition, trace, left = least_of_random(model, middle, half, speed, count)
+    condition, trace, left = least_of_random(model, found.effects.reduced, middle, half, speed, count)
     print(
         f"  of {count} random motions, {left} leave Ω: condition {condition:.3g}, trace {trace:.3g}",
         flush=True,
@@ -56,12 +56,10 @@ def told(name: str, count: int, starts: int, iterations: int) -> None:
 
 
 def least_of_random(
-    model: ccpin.ReducedModel, middle: np.ndarray, half: float, speed: float, count: int
+    model: ccpin.ReducedModel, reduced: Any, middle: np.ndarray, half: float, speed: float, count: int
 ) -> tuple[float, float, int]:
     """The least condition number and trace of random motions, and how many left Ω."""
     n, draw = model.n, np.random.default_rng(5)
-    reach, fastest = np.full(n, half), np.full(n, speed)
-    felt = effects(model, Motions(middle, reach, fastest, fastest * 48.0 / DURATION), kinds_of(model))
     w = 2.0 * np.pi / DURATION * np.arange(1, HARMONICS + 1)[:, None]
     sines, cosines = (turn(w * np.linspace(0.0, DURATION, SAMPLES)).T for turn in (np.sin, np.cos))
     condition = trace = np.inf
@@ -76,7 +74,7 @@ def least_of_random(
         if failures:
             left += 1
             continue
-        sizes = np.linalg.svd(felt.reduced(Y), compute_uv=False)
+        sizes = np.linalg.svd(reduced(Y), compute_uv=False)
         condition, trace = min(condition, sizes[0] / sizes[-1]), min(trace, float(np.sum(1.0 / sizes**2)))
     return condition, trace, left
 
