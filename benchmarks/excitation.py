@@ -46,7 +46,7 @@ def told(name: str, count: int, starts: int, iterations: int) -> None:
     )
     spent = time.perf_counter() - begin
     print(f"{Path(name).stem}: {found.told}; trace {found.trace:.3g}, share of limits {found.share:.3f}; {spent:.0f} s")
-    condition, trace, left = least_of_random(model, (middle, half, speed), DURATION, count)
+    condition, trace, left = least_of_random(model, found.effects, (middle, half, speed), DURATION, count)
     print(
         f"  of {count} random motions, {left} leave Ω: condition {condition:.3g}, trace {trace:.3g}",
         flush=True,

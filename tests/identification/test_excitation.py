@@ -66,7 +66,7 @@ def test_its_condition_is_that_of_the_regressor_in_combinations_told_apart(model
 def test_it_tells_more_than_the_best_of_a_thousand_random_fourier_motions(model, box, criterion):
     best = excitation(model, DURATION, **box, criterion=criterion)
     reach = (box["upper"] - box["lower"]) / 2.0
-    condition, trace, _ = least_of_random(model, (box["lower"] + reach, reach[0], SPEED), DURATION)
+    condition, trace, _ = least_of_random(model, best.effects, (box["lower"] + reach, reach[0], SPEED), DURATION)
     assert best.condition < condition if criterion == "condition" else best.trace < trace
 
 

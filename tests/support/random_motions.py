@@ -2,24 +2,21 @@
 
 import numpy as np
 
-from ccpin.identification.felt_combinations import Motions, effects, kinds_of
-
 HARMONICS, SAMPLES = 5, 80
 
 
-def least_of_random(model, limits, duration, count=1000):
+def least_of_random(model, effects, limits, duration, count=1000):
     """The least condition number of W and the least trace of (WᵀW)⁻¹ of random motions, and how many left Ω.
 
     Args:
         model: The reduced model.
+        effects: How W follows from the regressor.
         limits: The box's middle, of shape (n,), half its width and the largest speed.
         duration: Of a motion, s.
         count: How many.
     """
     middle, half, speed = limits
     n, draw = model.n, np.random.default_rng(5)
-    reach, fastest = np.full(n, half), np.full(n, speed)
-    felt = effects(model, Motions(middle, reach, fastest, fastest * 48.0 / duration), kinds_of(model))
     w = 2.0 * np.pi / duration * np.arange(1, HARMONICS + 1)[:, None]
     sines, cosines = (turn(w * np.linspace(0.0, duration, SAMPLES)).T for turn in (np.sin, np.cos))
     condition = trace = np.inf
@@ -34,6 +31,6 @@ def least_of_random(model, limits, duration, count=1000):
         if failures:
             left += 1
             continue
-        sizes = np.linalg.svd(felt.reduced(Y), compute_uv=False)
+        sizes = np.linalg.svd(effects.reduced(Y), compute_uv=False)
         condition, trace = min(condition, sizes[0] / sizes[-1]), min(trace, float(np.sum(1.0 / sizes**2)))
     return condition, trace, left

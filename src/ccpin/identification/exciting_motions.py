@@ -54,6 +54,7 @@ class Excitation(NamedTuple):
         path: The proof that σ stays on its branch along it; ``None`` where closures cannot be certified.
         told: What was found, in a sentence.
         names: Of the coordinates.
+        effects: How W follows from the regressor: the same for other motions within the limits.
     """
 
     reference: Waypoints
@@ -64,6 +65,7 @@ class Excitation(NamedTuple):
     path: CertifiedPath | None
     told: str
     names: tuple[str, ...]
+    effects: Effects
 
     def save(self, path: str | Path, period: float = 1e-3) -> None:
         """Write t, q, v and a at even times as ``.csv`` or ``.parquet``, columns ``q_NAME``, ``v_NAME``, ``a_NAME``.
@@ -153,7 +155,7 @@ def excitation(
                 told = f"{W.shape[1]} combinations of constants, condition {condition:.3g}; {told}"
                 trace = float(np.trace(np.linalg.inv(W.T @ W)))
                 names = tuple(model.coordinates.names)
-                return Excitation(motion, condition, trace, W.shape[1], share, path, told, names)
+                return Excitation(motion, condition, trace, W.shape[1], share, path, told, names, search.effects)
         inner = _SHRINK * inner
     raise InvalidInputError("no motion within the limits was found that stays on its branch: narrow lower and upper")
 
