@@ -393,7 +393,12 @@ def _identification(b):
             identification.explained,
             {"model": b.model, "parameters": b.model.parameters, "log": log} | smoothing,
         ),
-        "identify": (identification.identify, {"model": b.model, "logs": [log], "kinds": ("inertia",)} | smoothing),
+        "identify": (
+            identification.identify,
+            {"model": b.model, "logs": [log], "kinds": ("inertia",), "prior": {"mass": "5 %"}}
+            | {"robust": True, "align": False}
+            | smoothing,
+        ),
         "Log": (identification.Log, {"t": t, "columns": columns, "source": "a log"}),
         "Log.read": (
             identification.Log.read,

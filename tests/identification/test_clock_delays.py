@@ -24,7 +24,7 @@ def told(seed, late):
 
 
 def test_a_delay_is_found_as_surely_as_it_says():
-    """The noise of what is told is there in its rates too, much larger than they are: no delay is the smaller for it."""
+    """What is told has noise of its own, which its rates have much more of: no delay is the smaller for it."""
     off = []
     for seed in range(100):
         t, rows, F = told(seed, LATE)

@@ -101,14 +101,6 @@ def test_outliers_are_named_and_gaps_bridged(model, motion):
     assert np.abs(found.q - motion[0]).max() < 2.0 * NOISE
 
 
-def test_the_first_and_the_last_sample_can_be_outliers(model, motion):
-    columns = noisy(motion, 10)
-    spoilt = columns["q_joint2"].copy()
-    spoilt[[0, -1]] += 0.02
-    found = smoothed(Log(T, columns | {"q_joint2": spoilt}), model)
-    assert [(each.column, each.t) for each in found.outliers] == [("q_joint2", T[0]), ("q_joint2", T[-1])]
-
-
 def test_a_spline_reaches_to_both_ends():
     for seed in range(50):
         begin, length, spacing = np.random.default_rng(seed).uniform([-1.0, 1.0, 0.001], [1.0, 9.0, 0.01])

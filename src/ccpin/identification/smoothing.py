@@ -158,7 +158,7 @@ def _alone(
         fit, weight = _chosen(matrix, y, roughness, stated, smoothness)
         left = max(kept.sum() - fit.freedom, 1.0)
         usual = 1.4826 * float(np.median(np.abs(fit.residuals))) * np.sqrt(kept.sum() / left)
-        about = 1.4826 * median_filter(np.abs(fit.residuals), _ABOUT, mode="mirror")
+        about = 1.4826 * median_filter(np.abs(fit.residuals), _ABOUT, mode="nearest")
         off = np.abs(fit.residuals) / np.maximum(about, max(stated or 0.0, usual, _LEAST * np.abs(y).max()))
         times = t[kept]
         worst = [k for k in np.flatnonzero(off > _BEYOND) if off[k] >= off[np.abs(times - times[k]) <= reach].max()]
