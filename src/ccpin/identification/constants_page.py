@@ -67,9 +67,9 @@ def estimate_page(
                 )
                 + figure(
                     residuals_figure(after),
-                    f"What the constants taken leave of {name}, outliers drawn at five standard deviations. Left, beside "
-                    "Gaussian noise of its median size; middle, the band that 95 % of white noise keeps within: what "
-                    "leaves it no constant explains, or noise hangs together; right, where friction that is "
+                    f"What the constants taken leave of {name}, outliers drawn at five standard deviations. Left, "
+                    "beside Gaussian noise of its median size; middle, the band that 95 % of white noise keeps within: "
+                    "what leaves it no constant explains, or noise hangs together; right, where friction that is "
                     "not Coulomb's and viscous would show",
                 ),
             )

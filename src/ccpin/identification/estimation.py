@@ -30,6 +30,7 @@ from ccpin.identification.effort_samples import EffortSamples, effort_outliers, 
 from ccpin.identification.felt_combinations import Effects, Motions, checked_kinds, effects
 from ccpin.identification.held_out import HeldOut, held_out, parts_of
 from ccpin.identification.log import Log
+from ccpin.identification.output_error import Refined, refined
 from ccpin.identification.robust_fit import Fit, Rows, robust_fit
 from ccpin.identification.smoothing import Outlier, Smoothed, smoothed
 from ccpin.identification.stated_priors import Prior, stated_prior
@@ -80,6 +81,30 @@ class Estimate(NamedTuple):
     def deviations(self) -> Array:
         """Standard deviations of the values, of shape (r,)."""
         return np.sqrt(np.diag(self.covariance))
+
+    def refined(
+        self,
+        model: ReducedModel | Mechanism,
+        logs: Log | Iterable[Log],
+        *,
+        geometry: Sequence[str] = (),
+        horizon: float = 0.1,
+    ) -> Refined:
+        """Constants, and lengths, by which motions simulated from here on come nearest to the measured ones.
+
+        Args:
+            model: The mechanism that the estimate is of.
+            logs: Those that it is from.
+            geometry: Numbers of the geometry to find with the constants: ``"origin:JOINT/x"`` and others, as
+                `ccpin.transmission.identify_geometry` calls them.
+            horizon: How long a simulated motion is, s (`ccpin.identification.output_error`).
+
+        Raises:
+            InvalidInputError: Other logs, an unknown name, no stretch that is long enough, or numbers that the logs do
+                not tell.
+            ConvergenceError: No constants were settled on.
+        """
+        return refined(model, self, logs, geometry, horizon)
 
     def table(self) -> str:
         """Each combination, its value, its standard deviation and what the model states, a line each."""
