@@ -6,7 +6,7 @@ import pytest
 from ccpin.errors import ConvergenceError
 from ccpin.identification import identify
 from ccpin.identification.clock_delays import further_delays, slopes
-from ccpin.identification.robust_fit import Rows, robust_fit
+from ccpin.identification.robust_fit import EffortRows, fitted_robustly
 
 LATE = 0.004
 
@@ -18,7 +18,7 @@ def told(seed, late):
     force = (np.sin(t - late) - np.sin(3.0 * (t - late)) + 0.02 * draw.normal(size=len(t)))[:, None]
     return (
         t,
-        Rows(W, force, np.zeros((0, 2)), np.zeros(0)),
+        EffortRows(W, force, np.zeros((0, 2)), np.zeros(0)),
         W @ np.array([1.0, -1.0]) + 0.02 * draw.normal(size=(len(t), 1)),
     )
 
@@ -28,7 +28,7 @@ def test_a_delay_is_found_as_surely_as_it_says():
     off = []
     for seed in range(100):
         t, rows, F = told(seed, LATE)
-        fit, stretch = robust_fit(rows, False), np.zeros(len(t), dtype=int)
+        fit, stretch = fitted_robustly(rows, False), np.zeros(len(t), dtype=int)
         rates = [[slopes(t, stretch, each)] for each in (F, rows.tau)]
         (seconds,), (deviation,) = further_delays(fit, rows.left(fit.beta), *rates)
         off.append((seconds - LATE) / deviation)
@@ -38,7 +38,7 @@ def test_a_delay_is_found_as_surely_as_it_says():
 
 def test_a_log_that_stands_tells_no_delay():
     _, rows, _ = told(0, 0.0)
-    fit = robust_fit(rows, False)
+    fit = fitted_robustly(rows, False)
     seconds, deviation = further_delays(fit, rows.left(fit.beta), *[[np.zeros_like(rows.tau)]] * 2)
     assert (seconds.tolist(), deviation.tolist()) == ([0.0], [np.inf])
 

@@ -3,9 +3,9 @@
 import numpy as np
 
 from ccpin.identification import identify
-from ccpin.identification.held_out import held_out, parts_of
+from ccpin.identification.held_out import cross_validated, parts_of
 from ccpin.identification.log import Log
-from ccpin.identification.robust_fit import Rows
+from ccpin.identification.robust_fit import EffortRows
 
 
 def test_each_part_is_told_by_the_others():
@@ -15,7 +15,7 @@ def test_each_part_is_told_by_the_others():
     parts = parts_of([np.arange(50.0)], ["one"])
     assert [name for name, _ in parts] == [f"{10 * k} s to {10 * k + 9} s" for k in range(5)]
     nothing = np.zeros((0, 3)), np.zeros(0)
-    told = held_out(Rows(W, tau, *nothing), deviation, stated, tau - W @ stated, tau, parts)
+    told = cross_validated(EffortRows(W, tau, *nothing), deviation, stated, tau - W @ stated, tau, parts)
     for each, (name, chosen) in zip(told, parts, strict=True):
         others = np.setdiff1d(np.arange(50), chosen)
         A, b = (W[others] / deviation[:, None]).reshape(-1, 3), (tau[others] / deviation).ravel()
@@ -32,7 +32,9 @@ def test_what_the_others_do_not_show_stays_as_stated():
     stated, tau = np.array([1.0, 2.0]), (W @ np.array([1.5, 2.5]))
     nothing = np.zeros((0, 2)), np.zeros(0)
     times = [np.arange(10.0), np.arange(10.0)]
-    told = held_out(Rows(W, tau, *nothing), np.ones(1), stated, tau - W @ stated, tau, parts_of(times, ["a", "b"]))
+    told = cross_validated(
+        EffortRows(W, tau, *nothing), np.ones(1), stated, tau - W @ stated, tau, parts_of(times, ["a", "b"])
+    )
     assert [each.where for each in told] == ["a", "b"]
     assert [each.found.tolist() for each in told] == [[0.5], [0.5]]
 

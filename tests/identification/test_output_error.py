@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 import ccpin
 from ccpin.errors import InvalidInputError
 from ccpin.identification import identify, with_constants
-from ccpin.identification.shooting import Plant, Shot, accelerations, followed
+from ccpin.identification.shooting import MotionShot, VariedPlant, accelerations, followed
 from ccpin.transmission.geometry_numbers import changed_mechanism
 
 LENGTH = ("origin", "joint3/x")
@@ -26,7 +26,7 @@ def plant(bench):
     model = ccpin.ReducedModel(ccpin.load("rpdr", joints={"joint4": {"damping": 0.01}}))
     tangent = np.zeros((len(model.parameters), 3))
     tangent[[model.parameters.names.index(name) for name in ("mx:link3", "Iyy:link2", "damping:joint4")], range(3)] = 1
-    return Plant(model, model.parameters.values, tangent, ((longer(model, STEP), longer(model, -STEP)),), (STEP,))
+    return VariedPlant(model, model.parameters.values, tangent, ((longer(model, STEP), longer(model, -STEP)),), (STEP,))
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +38,8 @@ def shots(plant):
         return 0.2 * np.column_stack([np.sin(20.0 * t), np.cos(15.0 * t)])
 
     nothing = np.full((len(t), plant.model.n), np.nan)
-    whole = Shot(t, nothing, efforts(t), efforts((t[1:] + t[:-1]) / 2.0))
-    return efforts, [whole, Shot(t[:3], nothing[:3], whole.u[:3], whole.between[:2])]
+    whole = MotionShot(t, nothing, efforts(t), efforts((t[1:] + t[:-1]) / 2.0))
+    return efforts, [whole, MotionShot(t[:3], nothing[:3], whole.u[:3], whole.between[:2])]
 
 
 @pytest.fixture(scope="module")
@@ -121,6 +121,17 @@ def test_lengths_are_found_with_the_constants(bench):
     assert (found.missed[1] < 1.1 * 2.0 * np.pi / 2**19).all()
     assert (found.missed[0] > 1.5 * found.missed[1]).all()
     assert found.model.mechanism.tree.joint("joint3").stated.placement[0, 3] == found.values[-2]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_intervals_hold_with_noise_in_encoders_and_in_efforts(bench, noise):
+    within = []
+    for seed in range(8):
+        estimate = identify(bench.model, bench.log(seed, effort=noise))
+        found = estimate.refined(bench.model, bench.log(seed, effort=noise))
+        within.append(np.abs(found.values - estimate.stated) < 1.96 * found.deviations)
+    assert 0.88 < np.mean(within) < 0.99
 
 
 def test_what_cannot_be_refined_is_told(bench):

@@ -5,7 +5,7 @@ import pytest
 
 from ccpin.identification import identify
 from ccpin.identification.log import Log
-from ccpin.identification.robust_fit import Rows, robust_fit
+from ccpin.identification.robust_fit import EffortRows, fitted_robustly
 
 BETA = np.array([1.0, -2.0, 0.5])
 NOISE = np.array([0.1, 0.02])
@@ -18,25 +18,25 @@ def rows(seed, grossly=0.0, known=0):
     tau = W @ BETA + NOISE * draw.normal(size=(600, 2))
     bad = draw.random(600) < grossly
     tau[bad] += (20.0 + 10.0 * draw.random((bad.sum(), 1))) * NOISE * np.sign(W[bad, :, 0])
-    return Rows(W, tau, 20.0 * np.eye(3)[:known], 20.0 * BETA[:known]), bad
+    return EffortRows(W, tau, 20.0 * np.eye(3)[:known], 20.0 * BETA[:known]), bad
 
 
 def test_where_nothing_is_off_it_is_weighted_least_squares():
     given, _ = rows(0)
-    found = robust_fit(given, True)
+    found = fitted_robustly(given, True)
     weight = 1.0 / np.tile(found.deviation, 600)
     W = weight[:, None] * given.W.reshape(-1, 3)
     assert np.allclose(found.beta, np.linalg.lstsq(W, weight * given.tau.ravel(), rcond=None)[0], rtol=1e-9)
     assert np.allclose(found.covariance, np.linalg.inv(W.T @ W), rtol=1e-9)
     assert np.allclose(found.deviation, NOISE, rtol=0.1)
     assert found.counted.all()
-    plain = robust_fit(given, False)
+    plain = fitted_robustly(given, False)
     assert np.array_equal(found.beta, plain.beta)
 
 
 def test_what_is_known_beforehand_is_one_more_measurement():
     given, _ = rows(1, known=2)
-    found = robust_fit(given, True)
+    found = fitted_robustly(given, True)
     weight = np.tile(found.deviation**-2, 600)
     W, tau = given.W.reshape(-1, 3), given.tau.ravel()
     precision = W.T @ (weight[:, None] * W) + np.diag([400.0, 400.0, 0.0])
@@ -51,8 +51,8 @@ def test_noise_is_counted_by_what_the_numbers_take_up():
     for seed in range(500):
         draw = np.random.default_rng(seed)
         W = draw.normal(size=(5, 1, 3))
-        given = Rows(W, draw.normal(size=(5, 1)), np.zeros((0, 3)), np.zeros(0))
-        found.append(robust_fit(given, False).deviation[0] ** 2)
+        given = EffortRows(W, draw.normal(size=(5, 1)), np.zeros((0, 3)), np.zeros(0))
+        found.append(fitted_robustly(given, False).deviation[0] ** 2)
     assert abs(np.mean(found) - 1.0) < 5.0 / np.sqrt(500.0)
 
 
@@ -60,9 +60,9 @@ def test_with_one_in_fifty_grossly_off_intervals_hold_and_plain_ones_do_not():
     within, plain, missed = [], [], 0
     for seed in range(60):
         given, bad = rows(seed, grossly=0.02)
-        found = robust_fit(given, True)
+        found = fitted_robustly(given, True)
         missed += int((found.counted & bad).sum())
-        for fit, told in ((found, within), (robust_fit(given, False), plain)):
+        for fit, told in ((found, within), (fitted_robustly(given, False), plain)):
             told.append(np.abs(fit.beta - BETA) < 1.96 * np.sqrt(np.diag(fit.covariance)))
     assert missed == 0
     assert 0.9 < np.mean(within) < 0.99

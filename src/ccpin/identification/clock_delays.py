@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices
-from ccpin.identification.robust_fit import Fit
+from ccpin.identification.robust_fit import RobustFit
 
 _SHOWS = 1e-6  # of a rate: less is what constants explain as well, or rounding
 
@@ -40,7 +40,9 @@ def slopes(t: Array, stretch: Indices, force: Array) -> Array:
     return found
 
 
-def further_delays(fit: Fit, left: Array, told: Sequence[Array], measured: Sequence[Array]) -> tuple[Array, Array]:
+def further_delays(
+    fit: RobustFit, left: Array, told: Sequence[Array], measured: Sequence[Array]
+) -> tuple[Array, Array]:
     """τ of each log and its standard deviation; 0 and ∞ where its motion shows none.
 
     Args:

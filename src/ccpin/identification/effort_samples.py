@@ -9,7 +9,7 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.identification.robust_fit import Fit
+from ccpin.identification.robust_fit import RobustFit
 from ccpin.identification.smoothing import Outlier, Smoothed
 
 _SURE = 4.0  # standard deviations of a velocity within which its sign is not known
@@ -38,7 +38,7 @@ class EffortSamples(NamedTuple):
         return self.motion.t[self.chosen]
 
 
-def effort_samples(model: ReducedModel, motion: Smoothed, rubbing: bool) -> EffortSamples:
+def samples_of(model: ReducedModel, motion: Smoothed, rubbing: bool) -> EffortSamples:
     """Those of a smoothed log."""
     rows = motion.with_efforts()
     terms = model.terms_many(motion.q[rows], motion.v[rows])
@@ -53,7 +53,9 @@ def effort_samples(model: ReducedModel, motion: Smoothed, rubbing: bool) -> Effo
     return EffortSamples(motion, chosen, int(len(rows) - len(chosen)), stretch, Y, motion.forces(model, chosen))
 
 
-def effort_outliers(model: ReducedModel, samples: Sequence[EffortSamples], fit: Fit, left: Array) -> Iterator[Outlier]:
+def effort_outliers(
+    model: ReducedModel, samples: Sequence[EffortSamples], fit: RobustFit, left: Array
+) -> Iterator[Outlier]:
     """Samples that a fit leaves out, by the motor whose effort alone explains most of it.
 
     A motor that is off by e adds e b to what is left, b its column of ρᵀSᵀ: the b taken is that nearest to it, rows

@@ -26,12 +26,12 @@ from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import ConvergenceError, InvalidInputError
 from ccpin.identification.clock_delays import Delay, further_delays, slopes
-from ccpin.identification.effort_samples import EffortSamples, effort_outliers, effort_samples
+from ccpin.identification.effort_samples import EffortSamples, effort_outliers, samples_of
 from ccpin.identification.felt_combinations import Effects, Motions, checked_kinds, effects
-from ccpin.identification.held_out import HeldOut, held_out, parts_of
+from ccpin.identification.held_out import HeldOut, cross_validated, parts_of
 from ccpin.identification.log import Log
 from ccpin.identification.output_error import Refined, refined
-from ccpin.identification.robust_fit import Fit, Rows, robust_fit
+from ccpin.identification.robust_fit import EffortRows, RobustFit, fitted_robustly
 from ccpin.identification.smoothing import Outlier, Smoothed, smoothed
 from ccpin.identification.stated_priors import Prior, stated_prior
 from ccpin.mechanism.mechanism import Mechanism
@@ -161,10 +161,10 @@ def identify(
     for _ in range(_MOST_TURNS):
         on_time = [log.delayed({"u": late}) if late else log for log, late in zip(logs, taken.tolist(), strict=True)]
         motions = [smoothed(log, model, spacing=spacing, noise=noise, smoothness=_SMOOTHNESS) for log in on_time]
-        samples = [effort_samples(model, motion, "friction" in kinds) for motion in motions]
+        samples = [samples_of(model, motion, "friction" in kinds) for motion in motions]
         found = _effects(model, samples, kinds, known)
         rows = _rows(model, samples, found, known)
-        fit = robust_fit(rows, robust)
+        fit = fitted_robustly(rows, robust)
         delays = _further(samples, rows, fit)
         if not align or (np.abs(delays[0]) <= _ALIGNED * delays[1]).all():
             break
@@ -190,7 +190,7 @@ def _effects(model: ReducedModel, samples: Sequence[EffortSamples], kinds: Seque
     return felt._replace(basis=np.hstack([felt.basis, further[:, size > _COUNTS]]))
 
 
-def _rows(model: ReducedModel, samples: Sequence[EffortSamples], found: Effects, known: Prior) -> Rows:
+def _rows(model: ReducedModel, samples: Sequence[EffortSamples], found: Effects, known: Prior) -> EffortRows:
     """W β = τ less what constants that are not looked for make, and what is known beforehand."""
     values = model.parameters.values
     others = np.setdiff1d(np.arange(len(values)), found.columns)
@@ -198,10 +198,10 @@ def _rows(model: ReducedModel, samples: Sequence[EffortSamples], found: Effects,
     W = np.concatenate([found.reduced(each.Y) for each in samples]).reshape(*tau.shape, -1)
     places = np.searchsorted(found.columns, known.columns)
     P = found.basis[places] / (found.scale[places] * known.deviations)[:, None]
-    return Rows(W, tau, P, values[known.columns] / known.deviations)
+    return EffortRows(W, tau, P, values[known.columns] / known.deviations)
 
 
-def _further(samples: Sequence[EffortSamples], rows: Rows, fit: Fit) -> tuple[Array, Array]:
+def _further(samples: Sequence[EffortSamples], rows: EffortRows, fit: RobustFit) -> tuple[Array, Array]:
     """By how much the efforts of each log are later than was thought, with standard deviations."""
     told = np.split(rows.W @ fit.beta, np.cumsum([len(each.chosen) for each in samples])[:-1])
     rates = [slopes(each.t, each.stretch, F) for each, F in zip(samples, told, strict=True)]
@@ -213,8 +213,8 @@ def _estimate(
     model: ReducedModel,
     samples: Sequence[EffortSamples],
     found: Effects,
-    rows: Rows,
-    fit: Fit,
+    rows: EffortRows,
+    fit: RobustFit,
     late: tuple[Delay, ...],
 ) -> Estimate:
     """Words and values: s₁ + (V₁ᵀ)⁻¹V₂ᵀ s₂ = (V₁ᵀ)⁻¹ β, with s = S π and V₁ the rows of V that pivot."""
@@ -246,7 +246,7 @@ def _estimate(
         fit.deviation,
         (int(fit.counted.sum()), sum(each.left for each in samples)),
         tuple(effort_outliers(model, samples, fit, rows.left(fit.beta))),
-        held_out(rows.of(own), fit.deviation, before, missed[own], measured[own], parts),
+        cross_validated(rows.of(own), fit.deviation, before, missed[own], measured[own], parts),
         late,
         tuple(each.motion for each in samples),
         found,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.identification.robust_fit import Rows
+from ccpin.identification.robust_fit import EffortRows
 
 _PARTS = 5
 _NOTHING = 1e-10  # of the largest singular value: what the other samples do not show stays as stated
@@ -43,8 +43,13 @@ def parts_of(times: Sequence[Array], names: Sequence[str]) -> list[tuple[str, Ar
     return [(name, chosen) for name, chosen in parts if len(chosen)]
 
 
-def held_out(
-    rows: Rows, deviation: Array, stated: Array, missed: Array, measured: Array, parts: Sequence[tuple[str, Array]]
+def cross_validated(
+    rows: EffortRows,
+    deviation: Array,
+    stated: Array,
+    missed: Array,
+    measured: Array,
+    parts: Sequence[tuple[str, Array]],
 ) -> tuple[HeldOut, ...]:
     """Each part beside constants found from all others.
 

@@ -28,9 +28,9 @@ from ccpin.arrays import Array, positive, records
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError
-from ccpin.identification.effort_samples import effort_samples
+from ccpin.identification.effort_samples import samples_of
 from ccpin.identification.log import Log
-from ccpin.identification.shooting import Plant, Shot, followed
+from ccpin.identification.shooting import MotionShot, VariedPlant, followed
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.programs.recording.constants import Parameter, geometry_of
 from ccpin.transmission.geometry_numbers import changed_mechanism, named_numbers
@@ -76,11 +76,11 @@ class Refined(NamedTuple):
         return np.sqrt(np.diag(self.covariance))
 
 
-class _Search:
+class _OutputErrors:
     """The logs as shots, and what is looked for, in units in which it changes alike."""
 
     def __init__(
-        self, model: ReducedModel, estimate: Estimate, geometry: Sequence[Parameter], shots: list[Shot]
+        self, model: ReducedModel, estimate: Estimate, geometry: Sequence[Parameter], shots: list[MotionShot]
     ) -> None:
         found = estimate.effects
         self.model, self.geometry, self.shots = model, tuple(geometry), shots
@@ -108,7 +108,7 @@ class _Search:
         """What is left of each shot over its noise (K n,), and its derivatives by starts and by numbers."""
         lengths, unit = values[self.tangent.shape[1] :], np.eye(len(self.geometry))
         pairs = tuple((self.changed(lengths + _STEP * e), self.changed(lengths - _STEP * e)) for e in unit)
-        plant = Plant(self.changed(lengths), self.constants(values), self.tangent, pairs, (_STEP,) * len(unit))
+        plant = VariedPlant(self.changed(lengths), self.constants(values), self.tangent, pairs, (_STEP,) * len(unit))
         told = followed(plant, self.shots, starts)
         found: tuple[list[Array], list[Array], list[Array]] = ([], [], [])
         for shot, q, by_start, by_numbers in zip(self.shots, told.q, told.by_start, told.by_numbers, strict=True):
@@ -134,11 +134,13 @@ def refined(
         raise InvalidInputError("these are not the logs, or not the mechanism, that the estimate is of")
     named = named_numbers(geometry_of(model), geometry, "geometry") if geometry else ()
     shots, starts = _cut(model, estimate, logs, positive(horizon, "horizon", "a positive number of seconds"))
-    search = _Search(model, estimate, named, shots)
+    search = _OutputErrors(model, estimate, named, shots)
     return _solved(search, starts, (*estimate.combinations, *(each.name for each in named)))
 
 
-def _cut(model: ReducedModel, estimate: Estimate, logs: Sequence[Log], horizon: float) -> tuple[list[Shot], Array]:
+def _cut(
+    model: ReducedModel, estimate: Estimate, logs: Sequence[Log], horizon: float
+) -> tuple[list[MotionShot], Array]:
     """Shots, and where the smoothed motions have them begin."""
     shots, starts = [], []
     spoilt = {each.t for each in estimate.outliers}
@@ -149,7 +151,7 @@ def _cut(model: ReducedModel, estimate: Estimate, logs: Sequence[Log], horizon: 
         for each in motion.outliers:
             if each.column in columns:
                 measured[on_time.t == each.t, columns.index(each.column)] = np.nan
-        samples = effort_samples(model, motion, True)
+        samples = samples_of(model, motion, True)
         for number in range(samples.stretch[-1] + 1):
             rows = samples.chosen[samples.stretch == number]
             first = rows[0]
@@ -159,14 +161,14 @@ def _cut(model: ReducedModel, estimate: Estimate, logs: Sequence[Log], horizon: 
                     continue
                 t, u = motion.t[part], motion.u[part]
                 between = make_interp_spline(t, u, 3)((t[1:] + t[:-1]) / 2.0)
-                shots.append(Shot(t, measured[part], u, between))
+                shots.append(MotionShot(t, measured[part], u, between))
                 starts.append(np.r_[motion.q[part[0]], motion.v[part[0]]])
     if not shots:
         raise InvalidInputError(f"between reversals there are nowhere {_LEAST} samples in a row: sample faster")
     return shots, np.array(starts)
 
 
-def _solved(search: _Search, starts: Array, names: tuple[str, ...]) -> Refined:
+def _solved(search: _OutputErrors, starts: Array, names: tuple[str, ...]) -> Refined:
     """Gauss–Newton's iteration."""
     values = search.start.copy()
     left, by_start, by_numbers = search.at(values, starts)
@@ -216,7 +218,7 @@ def _solved(search: _Search, starts: Array, names: tuple[str, ...]) -> Refined:
     raise ConvergenceError(f"constants of simulated motions did not settle in {_MOST_STEPS} steps")
 
 
-def _missed(search: _Search, left: Sequence[Array]) -> Array:
+def _missed(search: _OutputErrors, left: Sequence[Array]) -> Array:
     """Root mean square of q̂ − q of each coordinate."""
     squares, count = np.zeros(search.model.n), np.zeros(search.model.n)
     for shot, r in zip(search.shots, left, strict=True):

@@ -27,7 +27,7 @@ _USUAL = 1.4826  # of the median of |x|: the standard deviation of Gaussian nois
 _LEAST = 1e-14  # of the largest effort: rounding
 
 
-class Rows(NamedTuple):
+class EffortRows(NamedTuple):
     """W β = τ and P β = p.
 
     Attributes:
@@ -44,12 +44,12 @@ class Rows(NamedTuple):
         """τ − W β, of shape (N, n)."""
         return np.asarray(self.tau - self.W @ beta)
 
-    def of(self, samples: Mask) -> Rows:
+    def of(self, samples: Mask) -> EffortRows:
         """Some samples, with all that is known beforehand."""
         return self._replace(W=self.W[samples], tau=self.tau[samples])
 
 
-class Fit(NamedTuple):
+class RobustFit(NamedTuple):
     """A fit of some rows.
 
     Attributes:
@@ -68,7 +68,7 @@ class Fit(NamedTuple):
     orthogonal: Array
 
 
-def robust_fit(rows: Rows, robust: bool) -> Fit:
+def fitted_robustly(rows: EffortRows, robust: bool) -> RobustFit:
     """The fit of all samples, or of all but those grossly off."""
     counted = np.ones(len(rows.tau), dtype=bool)
     fit = _least_squares(rows, counted)
@@ -85,7 +85,7 @@ def robust_fit(rows: Rows, robust: bool) -> Fit:
     return fit._replace(off=_off(rows.left(fit.beta)))
 
 
-def solved(rows: Rows, weights: Array) -> tuple[Array, Array, Array]:
+def solved(rows: EffortRows, weights: Array) -> tuple[Array, Array, Array]:
     """β̂ of rows that count by weights (N, n) (of residuals, not their squares), Q's part of them, and R."""
     r = rows.W.shape[2]
     A = np.concatenate([(weights[..., None] * rows.W).reshape(-1, r), rows.P])
@@ -94,7 +94,7 @@ def solved(rows: Rows, weights: Array) -> tuple[Array, Array, Array]:
     return beta, q[: rows.tau.size], triangle
 
 
-def _least_squares(rows: Rows, counted: Mask) -> Fit:
+def _least_squares(rows: EffortRows, counted: Mask) -> RobustFit:
     rows_of, deviation = rows.of(counted), np.ones(rows.tau.shape[1])
     for _ in range(_PASSES):
         beta, q, _ = solved(rows_of, np.broadcast_to(1.0 / deviation, rows_of.tau.shape))
@@ -104,10 +104,10 @@ def _least_squares(rows: Rows, counted: Mask) -> Fit:
         deviation = np.maximum(deviation, _LEAST * np.abs(rows.tau).max())
     beta, q, triangle = solved(rows_of, np.broadcast_to(1.0 / deviation, rows_of.tau.shape))
     inverse = np.linalg.inv(triangle)
-    return Fit(beta, inverse @ inverse.T, deviation, counted, _off(rows.left(beta)), q)
+    return RobustFit(beta, inverse @ inverse.T, deviation, counted, _off(rows.left(beta)), q)
 
 
-def _reweighted(rows: Rows, beta: Array) -> Array:
+def _reweighted(rows: EffortRows, beta: Array) -> Array:
     """Huber's estimate, from another."""
     least = _LEAST * np.abs(rows.tau).max()
     for _ in range(_ROUNDS):

@@ -22,7 +22,7 @@ from ccpin.dynamics.reduced_model import ReducedModel
 _STEP = 1e-5  # rad, m, rad/s, m/s: of central differences in q and q̇
 
 
-class Plant(NamedTuple):
+class VariedPlant(NamedTuple):
     """What moves, and what of it may change.
 
     Attributes:
@@ -40,7 +40,7 @@ class Plant(NamedTuple):
     steps: tuple[float, ...]
 
 
-class Shot(NamedTuple):
+class MotionShot(NamedTuple):
     """Some samples of a log, one after the other without a reversal.
 
     Attributes:
@@ -55,7 +55,7 @@ class Shot(NamedTuple):
     between: Array
 
 
-class Followed(NamedTuple):
+class FollowedShots(NamedTuple):
     """Motions of several shots.
 
     Attributes:
@@ -68,7 +68,7 @@ class Followed(NamedTuple):
     by_numbers: list[Array]
 
 
-def followed(plant: Plant, shots: Sequence[Shot], starts: Array) -> Followed:
+def followed(plant: VariedPlant, shots: Sequence[MotionShot], starts: Array) -> FollowedShots:
     """The motions of shots from starts (q, q̇), of shape (shots, 2n).
 
     Raises:
@@ -88,10 +88,10 @@ def followed(plant: Plant, shots: Sequence[Shot], starts: Array) -> Followed:
             h = np.array([shots[i].t[k + 1] - shots[i].t[k] for i in on])
             x[on], S[on] = _stepped(plant, x[on], S[on], u, h)
     S_all = [each for _, each in told]
-    return Followed([q for q, _ in told], [s[..., : 2 * n] for s in S_all], [s[..., 2 * n :] for s in S_all])
+    return FollowedShots([q for q, _ in told], [s[..., : 2 * n] for s in S_all], [s[..., 2 * n :] for s in S_all])
 
 
-def _stepped(plant: Plant, x: Array, S: Array, u: Array, h: Array) -> tuple[Array, Array]:
+def _stepped(plant: VariedPlant, x: Array, S: Array, u: Array, h: Array) -> tuple[Array, Array]:
     """A step of each, with efforts (N, 3, motors) at its begin, middle and end."""
     xs, Ss = list[Array](), list[Array]()
     for stage, share in ((0, 0.0), (1, 0.5), (1, 0.5), (2, 1.0)):
@@ -104,7 +104,7 @@ def _stepped(plant: Plant, x: Array, S: Array, u: Array, h: Array) -> tuple[Arra
     return ahead, S + h[:, None, None] * np.einsum("k,knij->nij", weights, np.array(Ss))
 
 
-def _rates(plant: Plant, x: Array, S: Array, u: Array) -> tuple[Array, Array]:
+def _rates(plant: VariedPlant, x: Array, S: Array, u: Array) -> tuple[Array, Array]:
     """ẋ and Ṡ."""
     n = plant.model.n
     a, by_state, by_numbers = accelerations(plant, x[:, :n], x[:, n:], u)
@@ -113,7 +113,7 @@ def _rates(plant: Plant, x: Array, S: Array, u: Array) -> tuple[Array, Array]:
     return np.hstack([x[:, n:], a]), np.concatenate([S[:, n:], below], axis=1)
 
 
-def accelerations(plant: Plant, Q: Array, V: Array, U: Array) -> tuple[Array, Array, Array]:
+def accelerations(plant: VariedPlant, Q: Array, V: Array, U: Array) -> tuple[Array, Array, Array]:
     """q̈ (N, n), its derivatives by (q, q̇) (N, n, 2n), and by all numbers (N, n, k)."""
     model, (count, n) = plant.model, Q.shape
     units = np.concatenate([np.zeros((1, n)), np.eye(n)])
