@@ -55,6 +55,8 @@ def test_a_log_says_how_late_its_efforts_are(bench):
     assert (own.log, own.taken, late.taken) == ("a log", 0.0, 0.0)
     assert abs(own.seconds) < 4.0 * own.deviation < 1.5e-3
     assert abs(late.seconds - own.seconds - LATE) < 0.15 * LATE
+    (alone,) = identify(bench.model, bench.log(0).delayed({"u": -LATE}), kinds=("friction",)).delays
+    assert abs(alone.seconds - LATE) < 0.15 * LATE  # all else is as stated, and as late
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.identification.robust_fit import RobustFit
 from ccpin.identification.smoothing import Outlier, Smoothed
 
+_GAP = 1.5  # of the usual time between two samples: one is missing
 _SURE = 4.0  # standard deviations of a velocity within which its sign is not known
 
 
@@ -47,9 +48,9 @@ def samples_of(model: ReducedModel, motion: Smoothed, rubbing: bool) -> EffortSa
     turning = np.all(np.abs(rates) > _SURE * spread, axis=1) if rubbing else np.ones(len(rows), dtype=bool)
     chosen = rows[turning]
     Y = model.regressor_many(motion.q[chosen], motion.v[chosen], motion.a[chosen])
-    ways = np.sign(rates[turning])
-    parted = (ways[1:] != ways[:-1]).any(axis=1) | (np.diff(np.flatnonzero(turning)) > 1)
-    stretch = np.cumsum(np.r_[0, parted])
+    ways, apart = np.sign(rates[turning]), np.diff(motion.t[chosen])
+    gaps = apart > _GAP * np.median(np.diff(motion.t[rows])) if len(apart) else apart > 0.0
+    stretch = np.cumsum(np.r_[0, (ways[1:] != ways[:-1]).any(axis=1) | gaps])[: len(chosen)]
     return EffortSamples(motion, chosen, int(len(rows) - len(chosen)), stretch, Y, motion.forces(model, chosen))
 
 

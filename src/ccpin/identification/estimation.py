@@ -203,10 +203,10 @@ def _rows(model: ReducedModel, samples: Sequence[EffortSamples], found: Effects,
 
 def _further(samples: Sequence[EffortSamples], rows: EffortRows, fit: RobustFit) -> tuple[Array, Array]:
     """By how much the efforts of each log are later than was thought, with standard deviations."""
-    told = np.split(rows.W @ fit.beta, np.cumsum([len(each.chosen) for each in samples])[:-1])
-    rates = [slopes(each.t, each.stretch, F) for each, F in zip(samples, told, strict=True)]
-    measured = [slopes(each.t, each.stretch, each.force) for each in samples]
-    return further_delays(fit, rows.left(fit.beta), rates, measured)
+    left = rows.left(fit.beta)
+    parts = np.split(left, np.cumsum([len(each.chosen) for each in samples])[:-1])
+    told = [slopes(s.t, s.stretch, s.force - missed) for s, missed in zip(samples, parts, strict=True)]
+    return further_delays(fit, left, told, [slopes(s.t, s.stretch, s.force) for s in samples])
 
 
 def _estimate(

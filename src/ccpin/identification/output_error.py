@@ -152,7 +152,7 @@ def _cut(
             if each.column in columns:
                 measured[on_time.t == each.t, columns.index(each.column)] = np.nan
         samples = samples_of(model, motion, True)
-        for number in range(samples.stretch[-1] + 1):
+        for number in np.unique(samples.stretch):
             rows = samples.chosen[samples.stretch == number]
             first = rows[0]
             count = max(1, int(np.ceil((motion.t[rows[-1]] - motion.t[first]) / horizon)))
