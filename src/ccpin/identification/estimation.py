@@ -39,6 +39,7 @@ from ccpin.mechanism.mechanism import Mechanism
 _SMOOTHNESS = 0.3  # a third of what serves the motion best: what is cut off peaks of q̈ would come back as constants
 _COUNTS = 1e-9  # of a combination's largest multiple: smaller ones are rounding
 _ALIGNED, _MOST_TURNS = 0.1, 6  # standard deviations of a delay that are not worth another turn; turns
+_FAR = 0.05  # of a log: clocks that are farther apart are no clocks that are late
 
 
 class Estimate(NamedTuple):
@@ -157,8 +158,8 @@ def identify(
     for log in logs:
         if missing := [name for name in model.mechanism.actuated if f"u_{name}" not in log.columns]:
             raise InvalidInputError(f"no column 'u_{missing[0]}' in {log!r}: each motor's effort must be measured")
-    taken = np.zeros(len(logs))
-    for _ in range(_MOST_TURNS):
+    taken, most = np.zeros(len(logs)), _FAR * np.array([log.t[-1] - log.t[0] for log in logs])
+    for turn in range(_MOST_TURNS):
         on_time = [log.delayed({"u": late}) if late else log for log, late in zip(logs, taken.tolist(), strict=True)]
         motions = [smoothed(log, model, spacing=spacing, noise=noise, smoothness=_SMOOTHNESS) for log in on_time]
         samples = [samples_of(model, motion, "friction" in kinds) for motion in motions]
@@ -169,8 +170,8 @@ def identify(
         if not align or (np.abs(delays[0]) <= _ALIGNED * delays[1]).all():
             break
         taken = taken + delays[0]
-    else:
-        raise ConvergenceError(f"setting the efforts' clocks right does not settle: {taken} s, and still {delays[0]}")
+        if turn == _MOST_TURNS - 1 or (np.abs(taken) > most).any():
+            raise ConvergenceError(f"setting the efforts' clocks right does not settle: they seem to be {taken} s late")
     told = zip(logs, *delays, taken, strict=True)
     late = tuple(Delay(log.source, float(d + own), float(off), float(own)) for log, d, off, own in told)
     return _estimate(model, samples, found, rows, fit, late)
