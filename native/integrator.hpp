@@ -72,6 +72,9 @@ template <class F> class Integrator {
     std::swap(k_[0], k_[T_.stages]);
   }
 
+  // In place of `advance`: what the last step comes to at an earlier time; `begin` is next.
+  void cut(double time, const std::vector<double>& there) { t = time, y = there; }
+
   // The state at a time within the last step, before `advance`.
   bool interpolate(double time, double* out) {
     if (!prepared_ && !prepare()) return !(failed = true);

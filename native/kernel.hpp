@@ -265,7 +265,8 @@ class Kernel {
     const nb::object T = new_array({rows}, out.t), Q = new_array({rows, m.n_q}, out.q), V = new_array({rows, m.n}, out.v),
                      A = new_array({rows, m.n}, out.a), U = new_array({rows, m.motors}, out.u),
                      X = new_array({rows, m.nq}, out.q_free), E = new_array({rows}, out.closure),
-                     W = new_array({rows, m.nv}, out.v_free), B = new_array({free, m.nv}, out.a_free);
+                     W = new_array({rows, m.nv}, out.v_free), F = new_array({rows, m.nv}, out.friction),
+                     B = new_array({free, m.nv}, out.a_free);
     Simulation simulation(*w, own ? **own : *w, a, b, c);
     Outcome outcome;
     {
@@ -279,9 +280,10 @@ class Kernel {
     }
     if (outcome == Outcome::declined) return nb::none();
     constexpr const char* names[] = {"finished", "settled", "evaluations", "seconds", "interrupted", "left"};
-    return nb::make_tuple(out.done, T, Q, V, A, U, X, W, E, B, names[int(outcome)], simulation.settled_since,
+    return nb::make_tuple(out.done, T, Q, V, A, U, X, W, F, E, B, names[int(outcome)], simulation.settled_since,
                           simulation.evaluations, raised, memory_of(simulation.commands()), simulation.time(),
-                          array_of(simulation.state()), array_of(simulation.place()), simulation.stride(), simulation.creeping());
+                          array_of(simulation.state()), array_of(simulation.place()), simulation.stride(), simulation.creeping(),
+                          mode_of(simulation.contact()));
   }
 
   // Closes the model at σ(q) from `near`, or at `near` itself; false where only the reference can tell.
@@ -332,6 +334,12 @@ class Kernel {
     for (const std::vector<double>& u : memory.pending) pending.insert(pending.end(), u.begin(), u.end());
     return nb::make_tuple(array_of(memory.reading), array_of(memory.velocity), array_of(memory.held), array_of(pending),
                           memory.count);
+  }
+  static nb::object mode_of(const std::optional<StickSlip>& contact) {
+    if (!contact) return nb::none();
+    const Friction& mode = contact->mode;
+    const auto array = [](const auto& x) { return array_of(std::vector<double>(x.begin(), x.end())); };
+    return nb::make_tuple(array(mode.signs), array(mode.rest), array(mode.halted), mode.locked);
   }
   static nb::object array_of(const std::vector<double>& x) {
     double* out;

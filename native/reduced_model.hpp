@@ -55,12 +55,13 @@ class ReducedModel : public Parametrization {
     X.resize(x), D_.resize(columns), tau_.resize(m.n), a_.resize(m.n), U_.resize(m.n), scratch_.resize(scratch);
   }
 
-  // q̈ (22), after `sigma` or `at`; false where D is not positive definite.
-  bool forward(const double* v, const double* u, double* a, const Pushes& pushes = {}) {
+  // q̈ (22), after `sigma` or `at`, under `load` (n, or null) besides; false where D is not positive definite.
+  bool forward(const double* v, const double* u, double* a, const Pushes& pushes = {}, const double* load = nullptr) {
     spread(v);
     move_bodies(true, nullptr);
     push(pushes);
     generalized_force(u, tau_.data());
+    for (int i = 0; load && i < m.n; ++i) tau_[i] += load[i];
     for_passive([&](int k, int col, double force) {
       const Cluster& c = m.clusters[k];
       for (int i = 0; i < c.n(); ++i) tau_[c.independent[i]] -= states[k].rho[size_t(col) * c.n() + i] * force;

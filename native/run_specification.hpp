@@ -52,6 +52,24 @@ inline Sampling read_sampling(nb::dict d, const Mechanism& m) {
   return s;
 }
 
+// Joints with friction, and their mode (ccpin.simulation.plant.stick_slip).
+inline Friction read_friction(nb::dict d, const Mechanism& m) {
+  using namespace reading;
+  const std::vector<int> component = integers(d["component"]);
+  const size_t k = component.size();
+  const std::vector<int> coordinate = integers(d["coordinate"], k);
+  const std::vector<double> coulomb = numbers(d["coulomb"], k), viscous = numbers(d["viscous"], k);
+  Friction f{{}, numbers(d["signs"], k), integers(d["rest"], k), integers(d["halted"], k), nb::cast<bool>(d["locked"])};
+  require(k > 0, "friction of no joint");
+  for (size_t i = 0; i < k; ++i) {
+    require(component[i] >= 0 && component[i] < m.nv, "friction of a joint that is none");
+    require(coordinate[i] >= -1 && coordinate[i] < m.n, "friction of an independent velocity that is none");
+    require(coulomb[i] >= 0 && viscous[i] >= 0, "a level of friction is negative");
+    f.joints.push_back({component[i], coordinate[i], coulomb[i], viscous[i]});
+  }
+  return f;
+}
+
 // What tells when coordinates are left (ccpin.simulation.integration.coordinate_switching); none: they never are.
 inline Leaving read_leaving(nb::object given, const Mechanism& m) {
   using namespace reading;
@@ -76,6 +94,7 @@ inline Run read_run(nb::dict d, const Mechanism& m) {
   require(int(r.lower.size()) == m.motors && int(r.upper.size()) == m.motors, "bounds of u have a wrong length");
   require(read_pushes(nb::cast<In>(d["wrenches"]), m, r.pushes), "wrenches are not rows of ten numbers");
   if (!d["sampling"].is_none()) r.sampling = read_sampling(nb::cast<nb::dict>(d["sampling"]), m);
+  if (!d["friction"].is_none()) r.friction = read_friction(nb::cast<nb::dict>(d["friction"]), m);
   require(r.until >= r.begin && r.stride >= 0, "a run ends before it begins, or its first step is negative");
   require(r.leaving.may() || !r.times.empty(), "a run has no times");
   require(r.times.empty() || r.times.front() >= r.begin, "a run's times are earlier than it");

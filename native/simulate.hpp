@@ -1,5 +1,6 @@
-// The closed loop D q̈ + C q̇ + g = ρᵀJᵀw + u (22) under a law of the core, continuous or sampled, and constant wrenches, with
-// samples at given times, and steps of it with u held; step for step as ccpin.simulation.integration.run. What is out of
+// The closed loop D q̈ + C q̇ + g = ρᵀ(Jᵀw + f) + u (22) under a law of the core, continuous or sampled, constant wrenches and
+// dry friction f, with samples at given times, and steps of it with u held; step for step as
+// ccpin.simulation.integration.run, the instants at which joints halt and break loose included. What is out of
 // the ordinary (a σ that fails, a singularity coming near) is left to the reference: there is no answer. A run that may
 // leave its coordinates for others (ccpin.simulation.integration.coordinate_switching) ends there instead, at its last
 // certain step.
@@ -7,8 +8,10 @@
 #include "arrays.hpp"
 #include "integrator.hpp"
 #include "sampling.hpp"
+#include "stick_slip.hpp"
 
 #include <chrono>
+#include <deque>
 #include <optional>
 
 namespace ccpin {
@@ -52,11 +55,12 @@ struct Run {
   Settling settling;                  // no goal: run to the end
   Pushes pushes;
   std::optional<Sampling> sampling;   // none: the law acts continuously
+  std::optional<Friction> friction;   // none: no joint rubs
 };
 
-// Where samples go: one row each of t, q, q̇, q̈, u, q′, q̇′ and |φ|; of runs that may leave their coordinates also q̈′.
+// Where samples go: one row each of t, q, q̇, q̈, u, q′, q̇′, f and |φ|; of runs that may leave their coordinates also q̈′.
 struct Samples {
-  double *t, *q, *v, *a, *u, *q_free, *v_free, *closure, *a_free;
+  double *t, *q, *v, *a, *u, *q_free, *v_free, *friction, *closure, *a_free;
   int done = 0;
 };
 
@@ -76,9 +80,13 @@ class Follower {
     }
     return w_.model.sigma(q_.data(), near_);
   }
-  // (q̇, q̈) at the configuration the model is closed at.
-  bool rates(const double* v, const double* u, double* rate) {
+  // d/dt of the numbers in q, at the configuration the model is closed at.
+  void coordinate_rates(const double* v, double* rate) const {
     for (const Coordinate& k : m_.coordinates) coordinate_rate(k, q_.data() + k.q, v + k.v, rate + k.q);
+  }
+  // That and q̈.
+  bool rates(const double* v, const double* u, double* rate) {
+    coordinate_rates(v, rate);
     return w_.model.forward(v, u, rate + m_.n_q, pushes_);
   }
   // The step just taken counts; false where the next ones may be out of the ordinary.
@@ -152,8 +160,10 @@ class Simulation : public Follower {
     solver_.y = run.start, solver_.t = run.begin;
     start_here();
     if (run.sampling) commands_.emplace(w, law_, *run.sampling);
+    if (run.friction) contact_.emplace(w, *run.friction);
   }
   const std::optional<SampledCommands>& commands() const { return commands_; }
+  const std::optional<StickSlip>& contact() const { return contact_; }
 
   // Where the run has come to: the time, (q, q̇), q′ and the step it would take next (0: to be chosen).
   double time() const { return solver_.t; }
@@ -175,16 +185,22 @@ class Simulation : public Follower {
     const double* v = state + m_.n_q;
     if (!effort(t, v)) return false;
     if (!within_bounds()) beyond_ = evaluations;
-    return rates(v, u_.data(), rate);
+    if (!contact_) return rates(v, u_.data(), rate);
+    coordinate_rates(v, rate);
+    return contact_->acceleration(v, u_.data(), rate + m_.n_q, pushes_);
   }
 
  private:
-  static constexpr int kParts = 8;
+  static constexpr int kParts = 8, kContactParts = 4;  // of a step, at whose ends one looks for settling, and for friction
+  static constexpr int kMostEvents = 200;              // within a microsecond: then they have no end
+  static constexpr double kWidth = 1e-10;              // s, to which the time of one is found
   struct Crossing { double t; bool inside; };
   LawRunner law_;
   const Path& path_;
   const Run& run_;
   std::optional<SampledCommands> commands_;
+  std::optional<StickSlip> contact_;
+  std::deque<double> recent_;  // when joints halted or broke loose
   Solver solver_;
   int stages_, beyond_ = 0;  // beyond_: the last evaluation with efforts that motors cannot give
   double stride_;            // from leg to leg
@@ -203,6 +219,7 @@ class Simulation : public Follower {
         const double* v = solver_.y.data() + m_.n_q;
         if (!close(solver_.y.data()) || !commands_->instant(clock(solver_.t), q_, v)) return Outcome::declined;
       }
+      if (!begin_contact()) return Outcome::declined;
       if (due(out, solver_.t + slack(solver_.t)) && !sample(run_.times[out.done], solver_.y.data(), out))
         return Outcome::declined;
       certain_ = out.done;
@@ -216,10 +233,12 @@ class Simulation : public Follower {
       for (; solver_.t < leg; ++steps) {
         if (!robust_step(solver_, leg, kShortest)) return Outcome::declined;
         if (beyond_ > evaluations - stages_) return Outcome::declined;  // what trials ask for that were rejected is none
-        double halt = NAN;
+        double halt = NAN, broken = NAN;
         if (settles() && !look(halt)) return Outcome::declined;
-        const bool settled = !std::isnan(halt);
-        const double reached = settled ? halt : solver_.reached;
+        if (eventful() && !look_at_contact(broken)) return Outcome::declined;
+        const bool breaks = !std::isnan(broken) && !(halt < broken), settled = !breaks && !std::isnan(halt);
+        const double reached = breaks ? broken : settled ? halt : solver_.reached;
+        count_crossings(reached);
         while (due(out, std::min(reached, leg - 2 * slack(leg)))) {
           const double time = run_.times[out.done];
           if (!solver_.interpolate(time, state_.data()) || !sample(time, state_.data(), out)) return Outcome::declined;
@@ -232,15 +251,66 @@ class Simulation : public Follower {
         if ((settled || spent || late || stopped) && !leaving_.may() && out.t[out.done - 1] < reached - slack(reached) &&
             !sample(reached, state_.data(), out))
           return Outcome::declined;
-        solver_.advance();
+        if (breaks && !halt_joints(reached)) return Outcome::declined;
+        reached < solver_.reached ? solver_.cut(reached, state_) : solver_.advance();
         stride_ = changes && solver_.t >= leg ? 0 : solver_.h, certain_ = out.done;
         if (stopped) return Outcome::interrupted;
         if (settled) return Outcome::settled;
         if (poor) return Outcome::left;
         if (spent) return Outcome::exhausted_evaluations;
         if (late) return Outcome::exhausted_seconds;
+        if (breaks && solver_.t < leg && !(begin_contact() && solver_.begin(leg, solver_.h))) return Outcome::declined;
       }
     }
+  }
+
+  // Joints with dry friction, as ccpin.simulation.plant.stick_slip.
+  bool eventful() const { return contact_ && contact_->eventful(); }
+  // Lets every one of them rest or slide from here on; false: no answer.
+  bool begin_contact() {
+    if (!eventful()) return true;
+    double* v = solver_.y.data() + m_.n_q;
+    return drive(solver_.t, solver_.y.data()) && contact_->begin(v, u_.data(), pushes_);
+  }
+  // Closes the model at a state and finds u there; false: no answer, or motors cannot give it.
+  bool drive(double t, const double* state) { return close(state) && effort(t, state + m_.n_q) && within_bounds(); }
+  bool broken_at(double t, const double* state, bool& found) {
+    return drive(t, state) && contact_->broken(state + m_.n_q, u_.data(), pushes_, found);
+  }
+  bool broken_within(double t, bool& found) {
+    return solver_.interpolate(t, state_.data()) && broken_at(t, state_.data(), found);
+  }
+  // When in the step just tried one of them halts or breaks loose; false: no answer.
+  bool look_at_contact(double& broken) {
+    double before = solver_.t;
+    for (int part = 1; part <= kContactParts; ++part) {
+      const double whole = solver_.reached - solver_.t;
+      double after = part == kContactParts ? solver_.reached : solver_.t + double(part) / kContactParts * whole;
+      bool found;
+      if (!broken_within(after, found)) return false;
+      if (!found) {
+        before = after;
+        continue;
+      }
+      while (after - before > std::max(kWidth, slack(after) / 4)) {
+        const double middle = 0.5 * (before + after);
+        if (!broken_within(middle, found)) return false;
+        (found ? after : before) = middle;
+      }
+      broken = after;
+      break;
+    }
+    return true;
+  }
+  // Tells the joints at the state just accepted who has halted; false where they halt and break loose without end.
+  bool halt_joints(double t) {
+    recent_.push_back(t);
+    if (recent_.size() > kMostEvents) recent_.pop_front();
+    if (recent_.size() == kMostEvents && t - recent_.front() < 1e-6) return false;
+    bool found;
+    if (!broken_at(t, state_.data(), found)) return false;
+    if (found) contact_->mode.halted = contact_->turned;
+    return true;
   }
 
   bool due(const Samples& out, double until) const {
@@ -282,8 +352,9 @@ class Simulation : public Follower {
     std::copy(u_.begin(), u_.end(), out.u + size_t(k) * m_.motors);
     std::copy(w_.model.q_free.begin(), w_.model.q_free.end(), out.q_free + size_t(k) * m_.nq);
     out.closure[k] = w_.model.closure();
-    double* a = out.a + size_t(k) * m_.n;
-    if (!w_.model.forward(v, u_.data(), a, pushes_)) return false;
+    double *a = out.a + size_t(k) * m_.n, *f = out.friction + size_t(k) * m_.nv;
+    std::fill(f, f + m_.nv, 0.);
+    if (!(contact_ ? contact_->sample(v, u_.data(), a, f, pushes_) : w_.model.forward(v, u_.data(), a, pushes_))) return false;
     w_.model.free_velocity(out.v_free + size_t(k) * m_.nv);
     if (leaving_.may()) w_.model.free_acceleration(a, out.a_free + size_t(k) * m_.nv);
     return true;
@@ -331,9 +402,12 @@ class Simulation : public Follower {
     }
     if (!std::isnan(since) && since + run_.settling.hold <= solver_.reached)
       halt = std::max(since + run_.settling.hold, solver_.t);
-    for (const Crossing& crossing : crossings_)
-      if (std::isnan(halt) || crossing.t <= halt) settled_since = crossing.inside ? crossing.t : NAN;
     return true;
+  }
+  // Since when it is settled, as of a time.
+  void count_crossings(double until) {
+    for (const Crossing& crossing : crossings_)
+      if (crossing.t <= until) settled_since = crossing.inside ? crossing.t : NAN;
   }
 };
 

@@ -8,7 +8,7 @@ and Drake run in C++ with their own servo motors, Pinocchio's constrained dynami
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +26,7 @@ from ccpin.control import Measurement
 from tests.oracles import rpdr as oracle
 from tests.support.paper import GOAL, K_P, K_V, START, to_paper
 
-PART, SUBJECT = "simulated", "the paper's move, 1 s"
+PART, SUBJECT, RUBBING = "simulated", "the paper's move, 1 s", "the same with dry friction of all joints"
 COST, ERROR, CLOSURE, SAME = "CPU time", "largest error of q", "largest ‖φ‖", "samples differ from NumPy's by"
 REFERENCE = "closed forms (31)–(40), DOP853"
 SAMPLE, COUNT = 1e-3, 1000  # s between samples; a second in all
@@ -36,6 +36,7 @@ RK4 = "MuJoCo RK4 at {:g}".format
 SAP = "Drake SAP at {:g}".format
 COMPARED = RK4(1e-4)
 TIMES = np.arange(COUNT + 1) * SAMPLE
+FRICTION = {"joint1": (0.03, 0.002), "joint2": (0.02, 0.001), "joint3": (0.01, 0.003), "joint4": (0.015, 0.0)}
 
 Runner = Callable[[], np.ndarray]  # q′ at the samples, of shape (1001, 4)
 
@@ -69,8 +70,21 @@ def measure(options: Options) -> Iterator[Measured]:
     if NATIVE in models:
         apart = float(np.abs(samples[f"{NATIVE}, RK45"] - samples[f"{NUMPY}, RK45"]).max())
         yield Measured(PART, SUBJECT, SAME, f"{NATIVE}, RK45", apart, "rad")
+    yield from rubbing(models)
     for who, reason in absent.items():
         yield Measured(PART, SUBJECT, COST, who, None, note=reason)
+
+
+def rubbing(models: dict[str, ccpin.ReducedModel]) -> Iterator[Measured]:
+    """The move with friction of driven and passive joints: both backends, and how far their samples are apart."""
+    runs = {who: ours(model, "RK45", FRICTION) for who, model in models.items()}
+    samples = {who: run() for who, run in runs.items()}
+    costs = costs_of(runs, 2)
+    for who, timing in costs.items():
+        yield Measured(PART, RUBBING, COST, who, timing.seconds, "s", timing.ratio(costs[NUMPY]))
+    if NATIVE in models:
+        apart = float(np.abs(samples[NATIVE] - samples[NUMPY]).max())
+        yield Measured(PART, RUBBING, SAME, NATIVE, apart, "rad")
 
 
 def costs_of(runs: dict[str, Runner], rounds: int) -> dict[str, Timing]:
@@ -131,10 +145,10 @@ def runners(mechanism: ccpin.Mechanism, models: dict[str, ccpin.ReducedModel], o
     return Runners(runs, absent)
 
 
-def ours(model: ccpin.ReducedModel, method: str) -> Runner:
+def ours(model: ccpin.ReducedModel, method: str, friction: Mapping[str, tuple[float, float]] | None = None) -> Runner:
     """`ccpin.simulate`, with its law made beforehand."""
     law = ccpin.control.PDSimpleGravity(model, GOAL, K_P, K_V)
-    return lambda: ccpin.simulate(model, law, START, duration=TIMES[-1], method=method).q_free
+    return lambda: ccpin.simulate(model, law, START, duration=TIMES[-1], method=method, friction=friction).q_free
 
 
 def constrained(model: ccpin.ReducedModel) -> Runner:

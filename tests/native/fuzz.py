@@ -196,8 +196,15 @@ def _ask_for_runs(kernel: Any, near: np.ndarray, sizes: tuple[int, ...], rng: np
            "max_step": np.inf, "singular_rcond": 1e-7, "goal": [], "band": 0.0, "speed": 0.0, "hold": 0.0,
            "wrenches": None, "sampling": None, "origin": 0.0, "evaluations": 2e4, "seconds": np.inf,
            "begin": 0.0, "until": 0.01, "first_step": float(rng.choice([0.0, 1e-3])),
-           "leaving": leaving if rng.random() < 0.5 else None,
+           "leaving": leaving if rng.random() < 0.5 else None, "friction": None,
            "lower": [-np.inf] * motors, "upper": [float(rng.choice([1e-3, np.inf]))] * motors}  # fmt: skip
+    if nv and rng.random() < 0.5:
+        count = int(rng.integers(1, nv + 1))
+        run["friction"] = {
+            "component": rng.permutation(nv)[:count].tolist(), "coordinate": [-1] * count,
+            "coulomb": rng.exponential(0.1, count).tolist(), "viscous": [0.01] * count, "signs": [0.0] * count,
+            "rest": rng.integers(0, 2, count).tolist(), "halted": [0] * count, "locked": False,
+        }  # fmt: skip
     if rng.random() < 0.5:
         run["wrenches"] = np.hstack([np.ones((1, 1)), rng.normal(size=(1, 9))])
     if run["leaving"] is None and rng.random() < 0.7:

@@ -39,7 +39,7 @@ PLACES = {
     "control": Place(0.0, "laws, references, stability", MOTION),
     "programs": Place(-0.85, "recorded once, evaluated anywhere", MODEL),
     "validated": Place(-1.3, "enclosures of motions and programs", PROOFS),
-    "identification": Place(-1.7, "from logs to constants", MODEL),
+    "identification": Place(-2.1, "from logs to constants", MODEL),
     "auditing": Place(-2.05, "certificates checked anew", PROOFS),
     "simulation": Place(0.0, "events, plant, integration", MOTION),
     "plotting": Place(0.0, "figures", PEOPLE),

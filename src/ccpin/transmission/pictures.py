@@ -87,12 +87,12 @@ def _proved(axes: Any, certificates: Sequence[LimitsCertificate]) -> None:
             ends, (width,) = np.array([one.lower[0], one.upper[0]]), one.half_widths
             axes.plot(ends, np.array([width, width]), label=f"{one.form} proved in its region", **style)
             axes.plot(ends, np.array([-width, -width]), **style)
-    if certificates:
-        _legend(axes)
+    if certificates:  # between the two curves of one joint nothing is drawn
+        _legend(axes, "center" if certificates[0].transmission.n == 1 else "upper right")
 
 
-def _legend(axes: Any) -> None:
-    axes.legend(loc="upper right", fontsize=8, framealpha=0.85, edgecolor="none")
+def _legend(axes: Any, place: str = "upper right") -> None:
+    axes.legend(loc=place, fontsize=8, framealpha=0.85, edgecolor="none")
 
 
 def _curves(axes: Any, found: Survey, polytopes: Sequence[Polytope], which: int) -> None:

@@ -49,7 +49,7 @@ def test_who_stepped_it(rpdr_model, law):
         (own, {}, "the core does not know MyLaw"),
         (law, {"method": "Radau"}, "the core steps RK45 and DOP853, not Radau"),
         (law, {"events": [watch]}, "without any of them the core steps"),
-        (law, {"friction": {"joint1": (0.1, 0.0)}}, "friction"),
+        (law, {"friction": {"joint1": (0.1, 0.0)}}, "stepped by the compiled core"),
     ):
         notes = ccpin.simulate(rpdr_model, controller, START, duration=0.02, **options).notes
         assert said in notes[0], notes

@@ -225,6 +225,21 @@ def test_every_joint_may_rub(name):
     assert energy[0] - energy[-1] == pytest.approx(np.sum(0.5 * (power[1:] + power[:-1])) * 5e-4, rel=2e-3)
 
 
+@pytest.mark.parametrize("rubbing", [["rocker"], ["crank", "coupler", "rocker"]])
+def test_a_joint_that_turns_back_is_carried_through(rubbing):
+    """A rocker turns at the ends of its swing and does not stop the crank: energy lost is the work of friction."""
+    model = ccpin.ReducedModel(ccpin.load("four_bar"))
+    friction = dict.fromkeys(rubbing, (2e-3, 1e-4))
+    motion = ccpin.simulate(
+        model, None, model.alpha(model.mechanism.q_reference), [8.0], duration=0.6, friction=friction
+    )
+    rocker = motion.v_free[:, model.mechanism.tree.names.index("rocker")]
+    assert (rocker[1:] * rocker[:-1] < 0).any()
+    assert np.abs(np.diff(motion.v[:, 0])).max() < 0.2
+    energy, power = mechanical_energy(model, motion), (motion.friction * motion.v_free).sum(axis=1)
+    assert energy[0] - energy[-1] == pytest.approx(-np.trapezoid(power, motion.t), rel=1e-4)
+
+
 def test_loose_tolerances_keep_joints_at_rest(rpdr_model, swing):
     """A dependent joint at rest collects the integrator's error and is still at rest: same motion, to the tolerance."""
     start = HANGING + np.radians([25.0, 10.0])

@@ -125,9 +125,9 @@ class CoordinateSwitching:
         balls = self._balls_of(state.model)
         return v_free if balls is None else balls.told_rate(self.told(state), v_free)
 
-    def told_forces(self, state: State, forces: Array) -> Array:
-        """Forces on joints likewise."""
-        balls = self._balls_of(state.model)
+    def told_forces(self, model: StateModel, forces: Array) -> Array:
+        """Forces on a model's joints likewise."""
+        balls = self._balls_of(model)
         return forces if balls is None else balls.told_forces(forces)
 
     def told_row(self, q_free: Array, v_free: Array) -> tuple[Array, Array]:

@@ -25,16 +25,17 @@ from ccpin.simulation.integration.coordinate_switching import CoordinateSwitchin
 from ccpin.simulation.integration.core_numbers import TABLEAUX, constant_law, law_numbers, nominal_model
 from ccpin.simulation.plant.plant import EffortBounds
 
-_PLAIN = Settling(np.empty(0))._asdict() | {"origin": 0.0, "first_step": 0.0, "sampling": None, "leaving": None}
-"""What a run is told that neither settles nor is sampled nor leaves its coordinates."""
-_COLUMNS = tuple(name for name in SAMPLED if name not in ("friction", "limits"))
+_PLAIN = Settling(np.empty(0))._asdict() | {"origin": 0.0, "first_step": 0.0}
+_PLAIN |= dict.fromkeys(("sampling", "leaving", "friction"))
+"""What a run is told that neither settles nor is sampled nor leaves its coordinates, and in which nothing rubs."""
+_COLUMNS = tuple(name for name in SAMPLED if name != "limits")
 
 
 class CoreRun(NamedTuple):
     """What the compiled core answers.
 
     Attributes:
-        columns: The samples, by the fields of `StateSample` but friction and limits.
+        columns: The samples, by the fields of `StateSample` but limits.
         a_free: q̈′ at each, of runs that may leave their coordinates alone.
         ended: How it ended: ``finished``, ``settled``, ``evaluations`` or ``seconds`` spent, ``interrupted``, or
             ``left``: where coordinates are to be left, or where only the reference can tell.
@@ -43,6 +44,7 @@ class CoreRun(NamedTuple):
         memory: What a sampled loop remembers, for `SampledCommands.adopt`.
         time, state, place, first_step: Where it has come to: t, (q, q̇), q′, and the step it would take next (0: to be
             chosen). creeping: how many steps in a row were next to nothing.
+        mode: In which joints with friction are there, for `StickSlip.adopt`.
     """
 
     columns: dict[str, Array]
@@ -57,6 +59,7 @@ class CoreRun(NamedTuple):
     place: Array
     first_step: float
     creeping: int
+    mode: Any
 
     @classmethod
     def of(cls, done: int, *answer: Any) -> CoreRun:
@@ -87,10 +90,10 @@ class CoreRun(NamedTuple):
             reading = switching.own.coordinates.readings(found["q_free"], found["v_free"], self.a_free)
         nothing = np.zeros(home.mechanism.n_free)
         samples = []
-        columns = found["t"], *reading, found["q_free"], found["v_free"], found["closure_error"]
-        for t, q, v, a, x, w, error in zip(*columns, strict=True):
-            q_free, v_free = switching.told_row(x, w)
-            samples.append(StateSample(float(t), q, v, a, u, q_free, v_free, nothing, nothing, float(error)))
+        columns = found["t"], *reading, *(found[name] for name in ("q_free", "v_free", "friction", "closure_error"))
+        for t, q, v, a, x, w, f, error in zip(*columns, strict=True):
+            told, rubbed = switching.told_row(x, w), switching.told_forces(switching.model, f)
+            samples.append(StateSample(float(t), q, v, a, u, *told, rubbed, nothing, float(error)))
         return samples
 
 
@@ -111,8 +114,8 @@ def run_in_core(
         method: The integrator.
         start: Where and when it begins.
         numbers: times (N,) of the samples, beginning at the start's, rtol, atol, max_step, singular_rcond, lower and
-            upper bounds of u (a run that would go beyond is not the core's), wrenches (`wrench_rows`) and sampling
-            (`SampledCommands.numbers`).
+            upper bounds of u (a run that would go beyond is not the core's), wrenches (`wrench_rows`), sampling
+            (`SampledCommands.numbers`) and, where joints rub, friction (`StickSlip.numbers`).
         settling: End once settled.
         budget: End once it is spent.
     """
@@ -158,8 +161,8 @@ class ConstantEffortRuns:
 
         Args:
             start: Where and when it begins.
-            numbers: until, times of the samples up to it, first_step (0: the integrator's own), max_step, and what is
-                left of evaluations and seconds.
+            numbers: until, times of the samples up to it, first_step (0: the integrator's own), max_step, what is
+                left of evaluations and seconds, and friction (`StickSlip.numbers`).
             u: The effort.
             switching: Whose coordinates these are, and when they are to be left.
         """

@@ -44,7 +44,7 @@ def stepped_in_python(model: ReducedModel, law: ControlLaw, method: str, plain: 
 def _outside_the_core(model: ReducedModel, law: ControlLaw, method: str, plain: bool) -> str:
     """What the core does not step, of what a simulator was given."""
     if not plain:
-        looked = "friction, events, a region, limits, contacts, motors or wrenches that change are looked at every step"
+        looked = "events, a region, limits, contacts, motors or wrenches that change are looked at every step"
         return f"{looked}; without any of them the core steps"
     if method not in TABLEAUX:
         return f"the core steps {' and '.join(TABLEAUX)}, not {method}"

@@ -138,7 +138,7 @@ class Run:
             record.up_to(self.here, self, _slack(self.here.t))
             if self.here.t >= until:
                 return None
-            switch, longest = self._next_switch(), self._longest_step()
+            switch, longest = self._next_switch(), self.longest_step()
             end = min(command, until)
             switches = switch < end - _slack(end)
             end = switch if switches else end
@@ -171,7 +171,7 @@ class Run:
         drive, switching = self.drive(*instant), self.switching
         friction = self._nothing
         if self.contact.rubs:
-            friction = switching.told_forces(state, self.contact.free_forces(state, v, drive))
+            friction = switching.told_forces(state.model, self.contact.free_forces(state, v, drive))
         a = self.contact.acceleration(state, v, lambda: drive)
         q, velocity, q_free = switching.reported(state, v)
         return StateSample(
@@ -220,8 +220,8 @@ class Run:
             raise InvalidInputError(f"next_switch({self.here.t}) returned {switch}; it must be later than that")
         return switch
 
-    def _longest_step(self) -> float:
-        """`ccpin.simulation.integration.step_size` says why."""
+    def longest_step(self) -> float:
+        """How far a step of the integrator may reach from here, s; `step_size` says why."""
         if self.settings.max_step is not None:
             return self.settings.max_step
         return self.settings.natural_step if self._watched or None in self._switches() else np.inf
@@ -235,12 +235,14 @@ class Run:
         assert u is not None
         times = record.due(end - 2 * _slack(end))
         numbers = {"until": end, "times": times, "first_step": self.first_step or 0.0, "max_step": longest}
+        numbers |= {"friction": self.contact.numbers()}
         found = self._constant.run(here, numbers | limits.left(self.evaluations).numbers(), u, self.switching)
         if found is None:
             self.in_core = False
             return None
         self.here, self.first_step = found.instant(here.state.model), found.first_step or None
         self._creeping = found.creeping
+        self.contact.adopt(found.mode)
         self.evaluations += found.evaluations
         record.take(found.samples(u, self.switching))
         if found.raised is not None:

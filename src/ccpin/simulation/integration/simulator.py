@@ -133,7 +133,7 @@ class Simulator:
         self._law = law_of(model, law)
         self._plant.check_law(self._law, sampling is not None)
         self._pushed = None if callable(wrenches) else wrench_rows(model.mechanism.tree, wrenches)
-        self._plain = not (callable(wrenches) or region is not None or events or self._friction.names)
+        self._plain = not (callable(wrenches) or region is not None or events)
         self._plain = self._plain and self._plant.plain and (sampling is None or not np.any(sampling.encoder_noise))
         bench = (self._friction, self._pushed, limits, tuple(contacts), motors, sampling)
         self._bench = digest_or_none(bench)  # what moves besides; empty where a function does
@@ -143,7 +143,7 @@ class Simulator:
         if self._plain and sampling is None and method in TABLEAUX:
             numbers = {"rtol": rtol, "atol": atol, "singular_rcond": singular_rcond}
             self._constant = ConstantEffortRuns(method, numbers, self._plant.effort_bounds)
-            if not isinstance(model.core, Declining):
+            if not (self._friction.names or isinstance(model.core, Declining)):
                 numbers = numbers | {"max_step": np.inf if max_step is None else max_step}
                 self._core_steps = CoreSteps(model, method, numbers, self._plant.effort_bounds)
         self._run: Run | None = None
@@ -404,10 +404,11 @@ class Simulator:
             "times": times,
             "rtol": settings.rtol,
             "atol": settings.atol,
-            "max_step": settings.max_step or np.inf,
+            "max_step": run.longest_step(),
             "singular_rcond": settings.singular_rcond,
             "wrenches": self._pushed,
             "sampling": run.commands.numbers(),
+            "friction": run.contact.numbers(),
             **self._plant.effort_bounds.numbers(),
         }
         found = run_in_core(self.model, self._law, self._method, run.here, numbers, settling, budget)
@@ -415,11 +416,12 @@ class Simulator:
             return None
         self.stop = found.stop
         run.commands.adopt(found.memory)
+        run.contact.adopt(found.mode)
         last = {name: column[-1] for name, column in found.columns.items()}
         run.here = Instant(float(last["t"]), self.model.at(last["q"], last["q_free"]), frozen(last["v"]))
         run.evaluations += found.evaluations
         nothing = np.broadcast_to(self._nothing, (len(found.columns["t"]), len(self._nothing)))
-        return {**found.columns, "friction": nothing, "limits": nothing}
+        return {**found.columns, "limits": nothing}
 
     # What it carries.
 

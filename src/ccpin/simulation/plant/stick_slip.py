@@ -21,7 +21,7 @@ positive.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,6 +41,7 @@ REST = 1e-8  # rad/s or m/s: no faster is at rest
 _REVERSED = 1e-14  # rad/s or m/s: rounding about zero has not turned back
 _WITHIN = 1e-8  # of a level: a force beyond it by less holds the joint
 _RELEASED = 1e-9  # of the largest acceleration without friction: one below is none
+_NIL = 1e-6  # rad/rad, m/rad or the like: singular values of ρ's rows below are none
 _PULL = 50.0  # 1/s, at which the rates of resting joints, where integration leaves some, decay
 _MOST_EVENTS = 200  # within a microsecond: then they have no end
 _INDEPENDENT = 1e-2  # of the largest pivot of ρ_r D⁻¹ρ_rᵀ: above it resting joints' forces are unique beyond doubt
@@ -130,7 +131,9 @@ class StickSlip:
     """One run's joints: their present mode, and the dynamics in it.
 
     The mode changes in `begin` only. A joint is at rest there if it was so before, has just halted, or has a rate of at
-    most 1e-8 rad/s (or m/s); its rate is then set to zero, and whether it starts to slide is the load's to say.
+    most 1e-8 rad/s (or m/s); its rate is then set to zero, and whether it starts to slide is the load's to say. Where a
+    row of ρ vanishes, as a rocker's does at the ends of its swing while the crank goes on, or rows depend on each other
+    but for rounding, q̇ is left alone: no friction of theirs could change it.
 
     Args:
         model: The reduced model.
@@ -199,6 +202,30 @@ class StickSlip:
         """Go on in the mode that another run of the same joints remembered."""
         self._signs, self._rest = np.array(memory["signs"]), np.array(memory["rest"], dtype=bool)
 
+    def numbers(self) -> dict[str, Any] | None:
+        """The joints and their mode in plain numbers, as the compiled core takes them; ``None`` where none rubs."""
+        if not self.rubs:
+            return None
+        friction = self._friction
+        halted = np.zeros_like(self._rest) if self._halted is None else self._halted
+        return {
+            "component": friction.index.tolist(),
+            "coordinate": friction.coordinate.tolist(),
+            "coulomb": friction.coulomb.tolist(),
+            "viscous": friction.viscous.tolist(),
+            "signs": self._signs.tolist(),
+            "rest": self._rest.astype(int).tolist(),
+            "halted": halted.astype(int).tolist(),
+            "locked": self._locked,
+        }
+
+    def adopt(self, mode: tuple[Array, Array, Array, bool] | None) -> None:
+        """Go on in the mode that the compiled core has left its joints in; it has none where none rubs."""
+        if mode is None:
+            return
+        self._signs, rest, halted, self._locked = mode
+        self._rest, self._halted, self._held = rest > 0, (halted > 0 if halted.any() else None), None
+
     def acceleration(self, state: State, v: Array, drive: Callable[[], ActingLoads]) -> Array:
         """q̈ with sliding joints' friction as a force and resting joints kept at rest.
 
@@ -265,7 +292,7 @@ class StickSlip:
         """Whether nothing moves while these joints rest; the same question as before is not worked out again."""
         before, key = self._ranked, rest.tobytes()
         if before is None or before[0] is not state or before[1] != key:
-            self._ranked = before = (state, key, bool(np.linalg.matrix_rank(rows[rest], 1e-9) == self._model.n))
+            self._ranked = before = (state, key, bool(np.linalg.matrix_rank(rows[rest], _NIL) == self._model.n))
         return before[2]
 
     def _brought_to_rest(self, v: Array, rows: Array, state: State) -> Array:
@@ -273,7 +300,7 @@ class StickSlip:
         if self._fixed(state, rows, self._rest):
             return np.zeros(self._model.n)
         resting = rows[self._rest]
-        v = v - np.linalg.lstsq(resting, resting @ v, rcond=None)[0]
+        v = v - _least_norm(resting, resting @ v)
         v[self._friction.coordinate[self._rest & self._own]] = 0.0
         return np.asarray(v)
 
@@ -329,7 +356,7 @@ def _multipliers(known: _Known, rows: Array, mobility: Array, target: Array) -> 
     """f of least norm with ρ_r(a + D⁻¹ρ_rᵀf) = target; by Cholesky where only one f does it, beyond doubt."""
     missing = target - rows @ known.a
     compliance = rows @ mobility
-    if len(missing) == 1:
+    if len(missing) == 1 and compliance[0, 0] > 0:
         return np.asarray(missing / compliance[0])
     if len(missing) <= len(known.a):
         factor, found, info = lapack.dposv(compliance, missing, lower=1)
@@ -339,13 +366,20 @@ def _multipliers(known: _Known, rows: Array, mobility: Array, target: Array) -> 
     return np.asarray(np.linalg.lstsq(compliance, missing, rcond=1e-12)[0])
 
 
+def _least_norm(rows: Array, rates: Array) -> Array:
+    """q̇ of least norm with these rates, where rows that vanish, or depend on others, move nothing."""
+    left, sizes, right = np.linalg.svd(rows, full_matrices=False)
+    kept = sizes > _NIL
+    return np.asarray(right[kept].T @ (left[:, kept].T @ rates / sizes[kept]))
+
+
 def _least_constraint(known: _Known, rows: Array, level: Array) -> Array:
     """argmin over |f| ≤ c of ½‖Lᵀ(a + d) + L⁻¹ρ_rᵀf‖², ρ_r d = ρ̇_r q̇, D = L Lᵀ: the dual of the principle above.
 
     Raises:
         ConvergenceError: The bounded least-squares solver gave up.
     """
-    d = known.a if not known.bias.any() else known.a + np.linalg.lstsq(rows, known.bias, rcond=None)[0]
+    d = known.a if not known.bias.any() else known.a + _least_norm(rows, known.bias)
     matrix = lapack.dtrtrs(known.factor, rows.T, lower=1)[0] * level
     right = -known.factor.T @ d
     scale = float(np.linalg.norm(right))
