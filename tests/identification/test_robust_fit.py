@@ -96,5 +96,5 @@ def test_lost_efforts_do_not_make_a_robot_lighter(bench):
         found, plain = (identify(bench.model, Log(log.t, columns), robust=robust) for robust in (True, False))
         within.append(np.abs(found.values - found.stated) < 1.96 * found.deviations)
         wider.append(plain.deviations / found.deviations)
-    assert 0.9 < np.mean(within) < 0.99
+    assert np.mean(within) > 0.92
     assert np.mean(wider) > 3.0
