@@ -442,7 +442,12 @@ def _identification(b):
             {"model": b.model, "count": 4, "measure": [four], "within": (b.q - 0.1, b.q + 0.1), "known": ()}
             | {"parameters": ["joint3/x"], "candidates": 9, "coarsest": 0.1, "seed": 0},
         ),
-        "identify": (identification.identify, {"model": b.model, "logs": [log], "kinds": ("inertia",)} | smoothing),
+        "identify": (
+            identification.identify,
+            {"model": b.model, "logs": [log], "kinds": ("inertia",), "prior": {"mass": "5 %"}}
+            | {"robust": True, "align": False}
+            | smoothing,
+        ),
         "Log": (identification.Log, {"t": t, "columns": columns, "source": "a log"}),
         "Log.read": (
             identification.Log.read,

@@ -115,6 +115,13 @@ def test_outliers_are_named_and_gaps_bridged(model, motion):
     assert np.abs(found.q - motion[0]).max() < 2.0 * NOISE
 
 
+def test_a_spline_reaches_to_both_ends():
+    for seed in range(50):
+        begin, length, spacing = np.random.default_rng(seed).uniform([-1.0, 1.0, 0.001], [1.0, 9.0, 0.01])
+        ends = np.array([begin, begin + length])
+        assert Knots.over(*ends, spacing).basis(ends).shape == (2, Knots.over(*ends, spacing).size)
+
+
 def test_an_encoder_on_a_passive_joint_and_a_measured_velocity_add_what_they_know(model, motion):
     columns, rng = noisy(motion, 9), np.random.default_rng(9)
     plain = smoothed(Log(T, columns), model)

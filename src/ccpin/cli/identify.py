@@ -30,6 +30,10 @@ example: ccpin identify rpdr --logs run1.csv run2.csv --out learnt.urdf --report
          ccpin identify rpdr --logs run.csv --columns q_joint1=left u_joint1=amps --units q=deg u=0.35"""
 
 
+_SIZES = ("found", "stated", "measured")
+_LATE = 4.0  # standard deviations of a delay that are told
+
+
 def add_identify(commands: Any) -> None:
     """The command and its options."""
     parser = add_command(commands, "identify", _EXAMPLES, _identify)
@@ -46,6 +50,10 @@ def add_identify(commands: Any) -> None:
     kinds = "parameters to find (default: inertia armature damping friction, and springs where there are any)"
     parser.add_argument("--kinds", nargs="+", metavar="KIND", help=kinds)
     parser.add_argument("--spacing", type=positive, metavar="S", help="between knots of the motions' splines")
+    beforehand = "how well constants are known, by kind or name: deviations in their units, or shares such as mass=5%%"
+    parser.add_argument("--prior", nargs="+", metavar="NAME=NUMBER", default=(), help=beforehand)
+    parser.add_argument("--plain", action="store_true", help="count all efforts, also those that are grossly off")
+    parser.add_argument("--align", action="store_true", help="set the clocks of efforts right where they are late")
     written = "write the mechanism with consistent constants there"
     complete(parser.add_argument("--out", type=Path, metavar="FILE", help=written), shtab.FILE)
     page = "write a page with values, deviations and what is left there"
@@ -57,10 +65,13 @@ def _identify(options: argparse.Namespace) -> int:
     columns = dict(_pairs(options.columns, "--columns")) if options.columns else None
     units = {name: _number(unit) for name, unit in _pairs(options.units, "--units")}
     noise = {name: float(level) for name, level in _pairs(options.noise, "--noise")}
+    prior = {name: _number(size) for name, size in _pairs(options.prior, "--prior")}
     smoothing: dict[str, Any] = {"spacing": options.spacing, "noise": noise}
     logs = [Log.read(path, columns=columns, units=units, time=options.time) for path in options.logs]
     with busy(options.json, "motions behind the logs, and constants"):
-        estimate = identify(model, logs, kinds=options.kinds, **smoothing)
+        estimate = identify(
+            model, logs, kinds=options.kinds, prior=prior, robust=not options.plain, align=options.align, **smoothing
+        )
         chosen = consistent(model, estimate) if options.out or options.report else estimate.parameters
     written = []
     if options.out:
@@ -71,8 +82,9 @@ def _identify(options: argparse.Namespace) -> int:
 
         sets = (model.parameters, chosen)
         told = []
-        for log in logs:
-            before, after = told_of_motion(model, sets, smoothed(log, model, **smoothing))
+        for log, late in zip(logs, estimate.delays, strict=True):
+            on_time = log.delayed({"u": late.taken}) if late.taken else log
+            before, after = told_of_motion(model, sets, smoothed(on_time, model, **smoothing))
             told.append((log.source, before, after))
         page = estimate_page(model, estimate, chosen, told)
         write_atomically(writable_target(options.report), "w", lambda file: file.write(page))
@@ -82,9 +94,28 @@ def _identify(options: argparse.Namespace) -> int:
         fields = ("combination", "value", "deviation", "stated")
         found = [dict(zip(fields, (name, *map(float, rest)), strict=True)) for name, *rest in rows]
         samples = dict(zip(("counted", "left_out"), estimate.samples, strict=True))
-        print(json.dumps({"found": found, "samples": samples, "written": written}, indent=2))
+        unseen = [
+            {"where": each.where, "samples": each.samples, **{key: getattr(each, key).tolist() for key in _SIZES}}
+            for each in estimate.held_out
+        ]
+        delays = [
+            each._asdict() | {"deviation": each.deviation if each.deviation < float("inf") else None}
+            for each in estimate.delays
+        ]
+        outliers = [each._asdict() for each in estimate.outliers]
+        told_all = {"found": found, "samples": samples, "outliers": outliers, "held_out": unseen, "delays": delays}
+        print(json.dumps(told_all | {"written": written}, indent=2))
         return 0
     print(f"{estimate!r}\n{estimate.table()}")
+    for each in estimate.held_out:
+        missed, files = (", ".join(f"{x:.3g}" for x in sizes) for sizes in (each.found, each.stated))
+        print(f"held out, {each.where}: missed {missed} N m or N (RMS); by the file's constants {files}")
+    for late in estimate.delays:
+        if abs(late.seconds) > _LATE * late.deviation:
+            put = f"set right by {1e3 * late.taken:.3g} ms" if options.align else "--align sets it right"
+            print(f"efforts of {late.log} are {1e3 * late.seconds:.3g} ± {1e3 * late.deviation:.2g} ms late; {put}")
+    if estimate.outliers:
+        print(f"{len(estimate.outliers)} samples were left out, at which efforts are grossly off (--report names them)")
     print("".join(f"wrote {path}\n" for path in written), end="")
     if options.out:
         print("".join(f"not in the file: {note}\n" for note in notes), end="")

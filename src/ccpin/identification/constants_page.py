@@ -8,9 +8,9 @@ from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.identification.estimation import Estimate
 from ccpin.identification.explained_efforts import Explained
+from ccpin.identification.residual_figures import efforts_figure, residuals_figure
 from ccpin.pages.html_page import Section, render
 from ccpin.pages.parts import figure, paragraphs, table
-from ccpin.plotting.style import COLOURS, Figure, drawing
 
 _CHANGED = 1e-12  # SI units: less is a solver's rounding
 
@@ -55,47 +55,58 @@ def estimate_page(
             f"{joint} {100 * b:.3g} % before, {100 * a:.3g} % now"
             for joint, b, a in zip(after.names, before.share, after.share, strict=True)
         )
-        body = paragraphs(f"Left unexplained, of the measured root mean square: {shares}.")
+        body = paragraphs(f"Left unexplained, of the measured root mean square, outliers included: {shares}.")
         sections.append(
             Section(
                 f"log{k}",
                 f"What is left of {name}",
                 body
                 + figure(
-                    _left(before, after),
+                    efforts_figure(before, after),
                     f"Efforts of {name} as measured and as told, N m or N; right, what is left of them",
+                )
+                + figure(
+                    residuals_figure(after),
+                    f"What the constants taken leave of {name}, outliers drawn at five standard deviations. Left, "
+                    "beside Gaussian noise of its median size; middle, the band that 95 % of white noise keeps within: "
+                    "what leaves it no constant explains, or noise hangs together; right, where friction that is "
+                    "not Coulomb's and viscous would show",
                 ),
             )
         )
+    sections.append(Section("held-out", "What was not seen", _unseen(estimate)))
+    sections.append(Section("clocks", "Clocks", _clocks(estimate)))
     sections.append(Section("noise", "Noise and outliers", _noise(estimate)))
     sections.append(Section("constants", "Constants taken", table(["constant", "stated", "taken", "unit"], constants)))
     return render(f"{model.mechanism.title}: from logs to constants", "Y π = ρᵀSᵀu, weighted least squares", sections)
 
 
-def _left(before: Explained, after: Explained) -> Figure:
-    """Measured and told efforts of each coordinate, and below them what is left."""
-    n = len(after.names)
-    with drawing("", (9.0, 2.6 * n)) as drawn:
-        panels = drawn.subplots(n, 2, squeeze=False, sharex=True)
-        for k, name in enumerate(after.names):
-            left, right = panels[k]
-            left.plot(after.t, after.measured[:, k], color=COLOURS[0], linewidth=0.8, label="measured")
-            left.plot(after.t, after.told[:, k], color=COLOURS[1], linewidth=1.2, label="told")
-            left.set(ylabel=f"effort at {name}")
-            right.plot(before.t, (before.measured - before.told)[:, k], color=COLOURS[2], linewidth=0.6, label="stated")
-            right.plot(after.t, (after.measured - after.told)[:, k], color=COLOURS[1], linewidth=0.6, label="taken")
-            right.set(ylabel=f"left at {name}")
-        for axes in panels[0]:
-            axes.legend(loc="upper right", fontsize=8)
-        for axes in panels[-1]:
-            axes.set(xlabel="t [s]")
-    return drawn
+def _unseen(estimate: Estimate) -> str:
+    """Cross-validation, a line a part."""
+    told = (
+        "Each part was told by constants found from all other samples; root mean squares of what is missed, of what "
+        "the file's constants miss, and of what was measured, N m or N, coordinate by coordinate."
+    )
+    rows = [
+        [each.where, str(each.samples), *(", ".join(f"{x:.3g}" for x in sizes) for sizes in each[2:])]
+        for each in estimate.held_out
+    ]
+    return paragraphs(told) + table(["held out", "samples", "missed", "by the file's", "measured"], rows)
+
+
+def _clocks(estimate: Estimate) -> str:
+    """How late efforts are."""
+    rows = [
+        [each.log, *(f"{1e3 * x:.3g}" for x in (each.seconds, each.deviation, each.taken))] for each in estimate.delays
+    ]
+    told = "By how much stamps of efforts are later than those of positions, by what leaves least of the efforts."
+    return paragraphs(told) + table(["log", "late, ms", "standard deviation, ms", "set right by, ms"], rows)
 
 
 def _noise(estimate: Estimate) -> str:
     rows = [[f"`{name}`", f"{level:.3g}"] for motion in estimate.motions for name, level in motion.noise.items()]
     efforts = ", ".join(f"{level:.3g}" for level in estimate.effort_noise)
-    outliers = [each for motion in estimate.motions for each in motion.outliers]
+    outliers = [*estimate.outliers, *(each for motion in estimate.motions for each in motion.outliers)]
     named = [[f"`{each.column}`", f"{each.t:.6g}", f"{each.off:.1f}"] for each in outliers[:50]]
     body = paragraphs(f"What is left of each generalised force has a standard deviation of {efforts} N m or N.")
     body += table(["column", "standard deviation about the motion"], rows)

@@ -2,12 +2,15 @@
 
 A log's motion is smoothed first (`ccpin.identification.smoothing`); each sample with all efforts gives the n rows of
 Y(q, q̇, q̈) π = ρᵀSᵀu (22). What the rows tell apart is β = Vᵀ S π (`ccpin.identification.felt_combinations`); with Σ the
-efforts' noise, found from the residuals, β̂ = C Wᵀ Σ⁻¹ τ and its covariance is C = (Wᵀ Σ⁻¹ W)⁻¹. What an encoder's noise
+efforts' noise, found from the residuals, β̂ = C Wᵀ Σ⁻¹ τ and its covariance is C = (Wᵀ Σ⁻¹ W)⁻¹
+(`ccpin.identification.robust_fit`). What an encoder's noise
 leaves in q̈ is not white, but has next to nothing of the slow changes that motions make: C counts it as if it were.
 (C. Atkeson, C. An and J. Hollerbach, Estimation of inertial parameters of manipulator loads and links, International
 Journal of Robotics Research 5, 1986; M. Gautier, Numerical calculation of the base inertial parameters, 1991.)
 
-A sample at which a joint with friction may turn either way within what its velocity is known to is left out.
+A constant of which something is known beforehand is told whether logs show it or not: V spans what motors feel and all
+such constants, and β̂ and C are the posterior's. A sample at which a joint with friction may turn either way within what
+its velocity is known to is left out.
 """
 
 from __future__ import annotations
@@ -22,16 +25,22 @@ from scipy.special import gammaincinv
 from ccpin.arrays import Array, Indices, instance, positive, records
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
-from ccpin.errors import InvalidInputError
+from ccpin.errors import ConvergenceError, InvalidInputError
+from ccpin.identification.clock_delays import Delay, further_delays, slopes
+from ccpin.identification.effort_samples import EffortSamples, effort_outliers, samples_of
 from ccpin.identification.felt_combinations import Effects, Motions, checked_kinds, effects
+from ccpin.identification.held_out import HeldOut, cross_validated, parts_of
 from ccpin.identification.log import Log
-from ccpin.identification.smoothing import Smoothed, smoothed
+from ccpin.identification.output_error import Refined, refined
+from ccpin.identification.robust_fit import EffortRows, RobustFit, fitted_robustly
+from ccpin.identification.smoothing import Outlier, Smoothed, smoothed
+from ccpin.identification.stated_priors import Prior, stated_prior
 from ccpin.mechanism.mechanism import Mechanism
 
-_SURE = 4.0  # standard deviations of a velocity within which its sign is not known
-_PASSES = 5
 _SMOOTHNESS = 0.3  # a third of what serves the motion best: what is cut off peaks of q̈ would come back as constants
 _COUNTS = 1e-9  # of a combination's largest multiple: smaller ones are rounding
+_ALIGNED, _MOST_TURNS = 0.1, 6  # standard deviations of a delay that are not worth another turn; turns
+_FAR = 0.05  # of a log: clocks that are farther apart are no clocks that are late
 
 
 class Estimate(NamedTuple):
@@ -45,6 +54,9 @@ class Estimate(NamedTuple):
         parameters: All constants looked at: those nearest the model's (in effect) that agree with the values.
         effort_noise: Standard deviation of what is left of each row of ρᵀSᵀu, N m or N, of shape (n,).
         samples: How many counted, and how many were left out because a joint may have stood.
+        outliers: Efforts that were left out, by the motor that explains them best; `off` in deviations of all rows.
+        held_out: What constants found without a part of the samples make of it.
+        delays: How late each log's efforts are.
         motions: The smoothed logs.
         effects: How combinations follow from constants.
     """
@@ -57,6 +69,9 @@ class Estimate(NamedTuple):
     parameters: DynamicParameters
     effort_noise: Array
     samples: tuple[int, int]
+    outliers: tuple[Outlier, ...]
+    held_out: tuple[HeldOut, ...]
+    delays: tuple[Delay, ...]
     motions: tuple[Smoothed, ...]
     effects: Effects
 
@@ -95,6 +110,30 @@ class Estimate(NamedTuple):
         middle[first] += self.values - self.multiples @ about.values
         return middle - radii, middle + radii
 
+    def refined(
+        self,
+        model: ReducedModel | Mechanism,
+        logs: Log | Iterable[Log],
+        *,
+        geometry: Sequence[str] = (),
+        horizon: float = 0.1,
+    ) -> Refined:
+        """Constants, and lengths, by which motions simulated from here on come nearest to the measured ones.
+
+        Args:
+            model: The mechanism that the estimate is of.
+            logs: Those that it is from.
+            geometry: Numbers of the geometry to find with the constants: ``"origin:JOINT/x"`` and others, as
+                `calibrate` calls them.
+            horizon: How long a simulated motion is, s (`ccpin.identification.output_error`).
+
+        Raises:
+            InvalidInputError: Other logs, an unknown name, no stretch that is long enough, or numbers that the logs do
+                not tell.
+            ConvergenceError: No constants were settled on.
+        """
+        return refined(model, self, logs, geometry, horizon)
+
     def table(self) -> str:
         """Each combination, its value, its standard deviation and what the model states, a line each."""
         rows = zip(self.combinations, self.values, self.deviations, self.stated, strict=True)
@@ -110,6 +149,9 @@ def identify(
     kinds: Sequence[str] | None = None,
     spacing: float | None = None,
     noise: Mapping[str, float] | None = None,
+    prior: Mapping[str, float | str] | None = None,
+    robust: bool = True,
+    align: bool = False,
 ) -> Estimate:
     """What logs tell of a mechanism's constants.
 
@@ -120,75 +162,88 @@ def identify(
             as stated; by default inertias, armatures, dampers and friction, and springs where the model has any.
         spacing: Between the knots of the motions' splines, s (`smoothed`).
         noise: Standard deviations of columns where they are known (`smoothed`).
+        prior: How well the model's own constants are known, by kind (``"mass"``, ``"inertia"``) or name
+            (``"friction:hip"``): standard deviations in their units, or shares, ``"5 %"``
+            (`ccpin.identification.stated_priors`). Such constants are told apart where logs do not.
+        robust: Leave out efforts that are more than five deviations off (`ccpin.identification.robust_fit`).
+        align: Set the efforts' clocks right (`Log.delayed`), each log's by what leaves least of it.
 
     Raises:
-        InvalidInputError: No log, an effort was not measured, or too few samples to tell anything.
+        InvalidInputError: No log, an effort was not measured, too few samples to tell anything, or a prior of what is
+            not looked for.
         UnsupportedMechanismError: A coordinate is a ball or a circle.
+        ConvergenceError: Clocks that are so far apart that setting them right does not settle.
     """
     model = model_of(model)
     logs = records([logs] if isinstance(logs, Log) else logs, "logs", Log)
     if not logs:
         raise InvalidInputError("no log: there is nothing to learn from")
+    for name, value in (("robust", robust), ("align", align)):
+        instance(value, name, bool, "True or False")
     kinds = checked_kinds(kinds, model)
+    known = stated_prior(model.parameters, model.parameters.of(*kinds), prior)
     for log in logs:
         if missing := [name for name in model.mechanism.actuated if f"u_{name}" not in log.columns]:
             raise InvalidInputError(f"no column 'u_{missing[0]}' in {log!r}: each motor's effort must be measured")
-    motions = tuple(smoothed(log, model, spacing=spacing, noise=noise, smoothness=_SMOOTHNESS) for log in logs)
-    equations = [_equations(model, motion, "friction" in kinds) for motion in motions]
-    Y, tau = (np.concatenate(parts) for parts in list(zip(*equations, strict=True))[:2])
-    left = sum(each[2] for each in equations)
-    if len(Y) <= len(model.parameters.of(*kinds)):
-        raise InvalidInputError(f"{len(Y)} samples count, {left} were left out: too few to tell anything")
-    found = effects(model, _box(motions), kinds)
-    known = np.setdiff1d(np.arange(Y.shape[2]), found.columns)
-    tau = tau - Y[..., known] @ model.parameters.values[known]
-    beta, covariance, deviation = _weighted(found.reduced(Y), tau)
-    return _estimate(model, found, beta, covariance, deviation, (len(Y), left), motions)
+    taken, most = np.zeros(len(logs)), _FAR * np.array([log.t[-1] - log.t[0] for log in logs])
+    for turn in range(_MOST_TURNS):
+        on_time = [log.delayed({"u": late}) if late else log for log, late in zip(logs, taken.tolist(), strict=True)]
+        motions = [smoothed(log, model, spacing=spacing, noise=noise, smoothness=_SMOOTHNESS) for log in on_time]
+        samples = [samples_of(model, motion, "friction" in kinds) for motion in motions]
+        found = _effects(model, samples, kinds, known)
+        rows = _rows(model, samples, found, known)
+        fit = fitted_robustly(rows, robust)
+        delays = _further(samples, rows, fit)
+        if not align or (np.abs(delays[0]) <= _ALIGNED * delays[1]).all():
+            break
+        taken = taken + delays[0]
+        if turn == _MOST_TURNS - 1 or (np.abs(taken) > most).any():
+            raise ConvergenceError(f"setting the efforts' clocks right does not settle: they seem to be {taken} s late")
+    told = zip(logs, *delays, taken, strict=True)
+    late = tuple(Delay(log.source, float(d + own), float(off), float(own)) for log, d, off, own in told)
+    return _estimate(model, samples, found, rows, fit, late)
 
 
-def _equations(model: ReducedModel, motion: Smoothed, rubbing: bool) -> tuple[Array, Array, int]:
-    """Y, ρᵀSᵀu and how many samples with efforts were left out."""
-    rows = motion.with_efforts()
-    terms = model.terms_many(motion.q[rows], motion.v[rows])
-    rates = np.einsum("sij,sj->si", terms.rho, motion.v[rows])
-    spread = np.sqrt(np.einsum("sij,sj->si", terms.rho**2, motion.v_deviation[rows] ** 2))
-    turning = np.all(np.abs(rates) > _SURE * spread, axis=1) if rubbing else np.ones(len(rows), dtype=bool)
-    chosen = rows[turning]
-    Y = model.regressor_many(motion.q[chosen], motion.v[chosen], motion.a[chosen])
-    return Y, motion.forces(model, chosen), int(len(rows) - len(chosen))
-
-
-def _box(motions: Sequence[Smoothed]) -> Motions:
-    """The box in which the logs' motions are."""
-    q = np.concatenate([motion.q for motion in motions])
+def _effects(model: ReducedModel, samples: Sequence[EffortSamples], kinds: Sequence[str], known: Prior) -> Effects:
+    """What motors feel in the box of the logs' motions, and all constants of which something is known."""
+    used, left = sum(len(each.chosen) for each in samples), sum(each.left for each in samples)
+    if used <= len(model.parameters.of(*kinds)):
+        raise InvalidInputError(f"{used} samples count, {left} were left out: too few to tell anything")
+    q = np.concatenate([each.motion.q for each in samples])
     low, high = q.min(axis=0), q.max(axis=0)
-    v, a = (np.concatenate([np.abs(getattr(m, name)) for m in motions]).max(axis=0) for name in ("v", "a"))
-    return Motions((low + high) / 2.0, (high - low) / 2.0, v, a)
+    v, a = (np.concatenate([np.abs(getattr(m.motion, name)) for m in samples]).max(axis=0) for name in ("v", "a"))
+    felt = effects(model, Motions((low + high) / 2.0, (high - low) / 2.0, v, a), kinds)
+    single = np.eye(len(felt.columns))[:, np.searchsorted(felt.columns, known.columns)]
+    further, size, _ = np.linalg.svd(single - felt.basis @ (felt.basis.T @ single), full_matrices=False)
+    return felt._replace(basis=np.hstack([felt.basis, further[:, size > _COUNTS]]))
 
 
-def _weighted(W: Array, tau: Array) -> tuple[Array, Array, Array]:
-    """β̂, its covariance and the standard deviation of each of the n rows of a sample."""
-    n, r = tau.shape[1], W.shape[1]
-    deviation = np.ones(n)
-    for _ in range(_PASSES):
-        weight = np.tile(1.0 / deviation, len(tau))
-        q, triangle = np.linalg.qr(weight[:, None] * W)
-        beta = np.linalg.solve(triangle, q.T @ (weight * tau.ravel()))
-        off = tau - (W @ beta).reshape(-1, n)
-        deviation = np.sqrt((off**2).sum(axis=0) / (len(tau) - r / n))
-        deviation = np.maximum(deviation, 1e-14 * np.abs(tau).max())
-    inverse = np.linalg.inv(np.linalg.qr(W / np.tile(deviation, len(tau))[:, None])[1])
-    return beta, inverse @ inverse.T, deviation
+def _rows(model: ReducedModel, samples: Sequence[EffortSamples], found: Effects, known: Prior) -> EffortRows:
+    """W β = τ less what constants that are not looked for make, and what is known beforehand."""
+    values = model.parameters.values
+    others = np.setdiff1d(np.arange(len(values)), found.columns)
+    tau = np.concatenate([each.force - each.Y[..., others] @ values[others] for each in samples])
+    W = np.concatenate([found.reduced(each.Y) for each in samples]).reshape(*tau.shape, -1)
+    places = np.searchsorted(found.columns, known.columns)
+    P = found.basis[places] / (found.scale[places] * known.deviations)[:, None]
+    return EffortRows(W, tau, P, values[known.columns] / known.deviations)
+
+
+def _further(samples: Sequence[EffortSamples], rows: EffortRows, fit: RobustFit) -> tuple[Array, Array]:
+    """By how much the efforts of each log are later than was thought, with standard deviations."""
+    left = rows.left(fit.beta)
+    parts = np.split(left, np.cumsum([len(each.chosen) for each in samples])[:-1])
+    told = [slopes(s.t, s.stretch, s.force - missed) for s, missed in zip(samples, parts, strict=True)]
+    return further_delays(fit, left, told, [slopes(s.t, s.stretch, s.force) for s in samples])
 
 
 def _estimate(
     model: ReducedModel,
+    samples: Sequence[EffortSamples],
     found: Effects,
-    beta: Array,
-    covariance: Array,
-    deviation: Array,
-    samples: tuple[int, int],
-    motions: tuple[Smoothed, ...],
+    rows: EffortRows,
+    fit: RobustFit,
+    late: tuple[Delay, ...],
 ) -> Estimate:
     """Words and values: s₁ + (V₁ᵀ)⁻¹V₂ᵀ s₂ = (V₁ᵀ)⁻¹ β, with s = S π and V₁ the rows of V that pivot."""
     everything, scale, V = model.parameters, found.scale, found.basis
@@ -198,23 +253,30 @@ def _estimate(
     multiples = np.zeros((r, len(everything)))
     multiples[:, found.columns] = (turned @ V.T) * scale / scale[first][:, None]
     multiples[np.abs(multiples) < _COUNTS * np.abs(multiples).max(axis=1, keepdims=True)] = 0.0
-    to_values = turned / scale[first][:, None]
-    near = stated + V @ (beta - V.T @ (scale * stated)) / scale
+    to_values, before = turned / scale[first][:, None], V.T @ (scale * stated)
     values = np.array(everything.values)
-    values[found.columns] = near
+    values[found.columns] = stated + V @ (fit.beta - before) / scale
+    measured = np.concatenate([each.force for each in samples])
+    missed = measured - np.concatenate([each.Y @ everything.values for each in samples])
+    counted = np.split(fit.counted, np.cumsum([len(each.chosen) for each in samples])[:-1])
+    parts = parts_of([each.t[c] for each, c in zip(samples, counted, strict=True)], [each.log for each in late])
+    own = fit.counted
     return Estimate(
         tuple(
             _words(everything.names, row, int(column))
             for row, column in zip(multiples, found.columns[first], strict=True)
         ),
-        to_values @ beta,
+        to_values @ fit.beta,
         multiples @ everything.values,
-        to_values @ covariance @ to_values.T,
+        to_values @ fit.covariance @ to_values.T,
         multiples,
         DynamicParameters(everything.names, everything.kinds, everything.units, values),
-        deviation,
-        samples,
-        motions,
+        fit.deviation,
+        (int(fit.counted.sum()), sum(each.left for each in samples)),
+        tuple(effort_outliers(model, samples, fit, rows.left(fit.beta))),
+        cross_validated(rows.of(own), fit.deviation, before, missed[own], measured[own], parts),
+        late,
+        tuple(each.motion for each in samples),
         found,
     )
 

@@ -21,19 +21,26 @@ class Explained(NamedTuple):
 
     Attributes:
         t: Times of the samples that have all efforts, s, of shape (K,).
+        v: The velocities q̇ at them, of shape (K, n).
         measured: ρᵀSᵀu as measured, of shape (K, n). told: Y π, alike.
         names: Of the independent coordinates.
     """
 
     t: Array
+    v: Array
     measured: Array
     told: Array
     names: tuple[str, ...]
 
     @property
+    def left(self) -> Array:
+        """What the constants do not explain, of shape (K, n)."""
+        return self.measured - self.told
+
+    @property
     def share(self) -> Array:
         """Root mean square of what is left, over that of what was measured, of shape (n,)."""
-        left = np.sqrt(((self.measured - self.told) ** 2).mean(axis=0))
+        left = np.sqrt((self.left**2).mean(axis=0))
         return np.asarray(left / np.maximum(np.sqrt((self.measured**2).mean(axis=0)), np.finfo(float).tiny))
 
 
@@ -71,4 +78,4 @@ def told_of_motion(model: ReducedModel, sets: Sequence[DynamicParameters], motio
     rows = motion.with_efforts()
     measured, Y = motion.forces(model, rows), model.regressor_many(motion.q[rows], motion.v[rows], motion.a[rows])
     names = tuple(model.coordinates.names)
-    return [Explained(motion.t[rows], measured, Y @ each.values, names) for each in sets]
+    return [Explained(motion.t[rows], motion.v[rows], measured, Y @ each.values, names) for each in sets]

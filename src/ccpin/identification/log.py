@@ -170,7 +170,8 @@ class Log(Record):
         instance(seconds, "seconds", Mapping)
         late = {name: number(_said(name, seconds, 0.0), f"the delay of '{name}'") for name in self.columns}
         _known(seconds, self.columns)
-        shifted = {name: (self.t - late[name], column) for name, column in self.columns.items()}
+        there = {name: ~np.isnan(column) for name, column in self.columns.items()}
+        shifted = {name: (self.t[there[name]] - late[name], each[there[name]]) for name, each in self.columns.items()}
         t, columns = on_one_clock(shifted)
         return Log(t, columns, self.source)
 

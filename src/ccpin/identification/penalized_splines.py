@@ -39,7 +39,9 @@ class Knots(NamedTuple):
     def over(cls, begin: float, end: float, spacing: float) -> Knots:
         """Knots at most `spacing` apart, and as many again outside as the basis needs."""
         count = max(1, int(np.ceil((end - begin) / spacing)))
-        return cls(np.asarray(begin + (end - begin) / count * np.arange(-DEGREE, count + DEGREE + 1), dtype=np.float64))
+        t = np.asarray(begin + (end - begin) / count * np.arange(-DEGREE, count + DEGREE + 1), dtype=np.float64)
+        t[DEGREE], t[-DEGREE - 1] = begin, end  # exactly: no time is outside by rounding
+        return cls(t)
 
     @property
     def size(self) -> int:

@@ -109,7 +109,7 @@ def smoothed(
         log: Positions of all independent coordinates (``q_…``), and what else was measured.
         model: What moved; its coordinates must be plain numbers (no balls, no continuous joints).
         spacing: Seconds between the spline's knots, well below the shortest time in which the motion turns; by default
-            two samples, or a two-thousandth of the log.
+            two samples of a coordinate, or a two-thousandth of the log.
         noise: Standard deviations of columns, SI units, where they are known (an encoder's step over √12, say).
         smoothness: The penalty's weight over what cross-validation or noise asks for: less has less bias.
 
@@ -129,7 +129,9 @@ def smoothed(
         raise InvalidInputError(f"noise is stated of '{unknown[0]}', which is no position or velocity of {log!r}")
     positive(smoothness, "smoothness")
     if spacing is None:
-        spacing = max(2.0 * float(np.median(np.diff(log.t))), (log.t[-1] - log.t[0]) / _MOST_KNOTS)
+        own = [log.t[~np.isnan(log.columns[f"q_{part.name}"])] for part in parts]
+        usual = max((float(np.median(np.diff(times))) for times in own if len(times) > 1), default=0.0)
+        spacing = max(2.0 * usual, (log.t[-1] - log.t[0]) / _MOST_KNOTS)
     knots = Knots.over(log.t[0], log.t[-1], positive(spacing, "spacing", "a time in seconds"))
     basis = [knots.basis(log.t, d) for d in range(3)]
     measured = {name: column for name, column in log.columns.items() if name[0] != "u"}

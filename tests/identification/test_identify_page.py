@@ -1,0 +1,46 @@
+"""`ccpin identify` and its page: what was found, what was not seen, clocks, and residuals as figures."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ccpin.cli import main
+from ccpin.identification.log import Log
+from ccpin.identification.residual_figures import autocorrelations
+
+
+def test_autocorrelations_are_those_of_a_first_order_process():
+    draw, x = np.random.default_rng(0), np.zeros(20000)
+    for k in range(1, len(x)):
+        x[k] = 0.8 * x[k - 1] + draw.normal()
+    found = autocorrelations(x)
+    assert len(found) == 60
+    assert np.allclose(found[:10], 0.8 ** np.arange(1, 11), atol=0.05)
+    assert np.abs(autocorrelations(draw.normal(size=20000))).max() < 5.0 / np.sqrt(20000.0)
+
+
+@pytest.mark.slow
+def test_the_command_tells_what_was_not_seen_clocks_and_outliers(bench, tmp_path, capsys):
+    pytest.importorskip("cvxpy")
+    log, path, page = bench.log(1), tmp_path / "run.csv", tmp_path / "page.html"
+    u = np.array(log.columns["u_joint2"])
+    u[250] += 1.0
+    Log(log.t, dict(log.columns) | {"u_joint2": u}).delayed({"u": -0.004}).save(path)
+    asked = ["identify", "rpdr", "--logs", str(path), "--prior", "inertia=10%", "friction=0.05"]
+    assert main([*asked, "--align", "--report", str(page), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert abs(told["delays"][0]["seconds"] - 0.004) < 5.0 * told["delays"][0]["deviation"]
+    assert [each["column"] for each in told["outliers"]] == ["u_joint2"]
+    assert len(told["held_out"]) == 5
+    assert all(np.less(each["found"], each["stated"]).all() for each in told["held_out"])
+    text = page.read_text(encoding="utf-8")
+    for words in ("What was not seen", "Clocks", "95 % of white noise", "u_joint2", "run.csv"):
+        assert words in text
+
+
+def test_a_prior_that_says_nothing_is_told(bench, tmp_path, capsys):
+    path = tmp_path / "run.csv"
+    bench.log(0).save(path)
+    assert main(["identify", "rpdr", "--logs", str(path), "--prior", "mass=heavy"]) == 1
+    assert "neither a number nor a share" in capsys.readouterr().err
