@@ -46,6 +46,7 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
         "mechanism",
         ("assumptions", "joint_limits", "loading", "other_coordinates", "wireframe"),
     ),
+    "identification": (("calibration", "combinations", "logs"), ("adaptive", "estimates")),
     "validated": ("arithmetic", "loop_equations", "model", "flow", "sets", "programs"),
     "domain": (
         "closures",

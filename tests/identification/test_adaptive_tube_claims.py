@@ -11,7 +11,7 @@ from ccpin.control import PointToPoint
 from ccpin.control.stability.tracking.tracking_equations import ReferencePieces
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.identification import AdaptiveTracking, certify_adaptive
-from ccpin.identification.adaptive_equations import AdaptiveEquations, _definite
+from ccpin.identification.adaptive.adaptive_equations import AdaptiveEquations, _definite
 from ccpin.proof.facts import Fact, NotProvedError, prove
 
 CELLS = 12

@@ -9,9 +9,9 @@ from scipy.optimize import least_squares
 import ccpin
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.identification import Sensor, calibrate
-from ccpin.identification.calibration import sensors_at
-from ccpin.identification.geometry_fit import GeometryFit
-from ccpin.identification.geometry_numbers import named_numbers, numbers_that_count
+from ccpin.identification.calibration.calibrating import sensors_at
+from ccpin.identification.calibration.geometry_fit import GeometryFit
+from ccpin.identification.calibration.geometry_numbers import named_numbers, numbers_that_count
 from ccpin.kinematics.points import LinkPoint
 from tests.oracles.finite_differences import derivative
 from tests.support.calibrated_robots import INSIDE, Robot, deviations, moved, tool, tool_errors

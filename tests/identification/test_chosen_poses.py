@@ -8,7 +8,7 @@ import pytest
 import ccpin
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.identification import Sensor, calibrate, calibration_poses
-from ccpin.identification.chosen_poses import best_set, information
+from ccpin.identification.calibration.chosen_poses import best_set, information
 from ccpin.transmission import identify_geometry
 from tests.support.calibrated_robots import COARSEST, Robot, tool
 from tests.support.measured_pairs import NOISE, knee

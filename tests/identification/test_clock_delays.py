@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ccpin.identification import identify
-from ccpin.identification.clock_delays import further_delays, slopes
-from ccpin.identification.robust_fit import EffortRows, fitted_robustly
+from ccpin.identification.estimates.clock_delays import further_delays, slopes
+from ccpin.identification.estimates.robust_fit import EffortRows, fitted_robustly
 
 LATE = 0.004
 

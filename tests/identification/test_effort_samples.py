@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ccpin.identification.effort_samples import samples_of
-from ccpin.identification.log import Log
-from ccpin.identification.smoothing import smoothed
+from ccpin.identification.estimates.effort_samples import samples_of
+from ccpin.identification.logs.log import Log
+from ccpin.identification.logs.smoothing import smoothed
 
 
 def test_stretches_end_where_a_joint_turns_back_and_where_samples_are_missing(bench):

@@ -6,7 +6,7 @@ import pytest
 import ccpin
 from ccpin.errors import InvalidInputError
 from ccpin.identification import excitation
-from ccpin.identification.felt_combinations import Motions, effects, kinds_of
+from ccpin.identification.estimates.felt_combinations import Motions, effects, kinds_of
 from tests.support.random_motions import least_of_random
 
 DURATION, SPEED, EFFORT = 4.0, 3.0, 1.0

@@ -3,9 +3,9 @@
 import numpy as np
 
 from ccpin.identification import identify
-from ccpin.identification.held_out import cross_validated, parts_of
-from ccpin.identification.log import Log
-from ccpin.identification.robust_fit import EffortRows
+from ccpin.identification.estimates.held_out import cross_validated, parts_of
+from ccpin.identification.estimates.robust_fit import EffortRows
+from ccpin.identification.logs.log import Log
 
 
 def test_each_part_is_told_by_the_others():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ccpin.cli import main
-from ccpin.identification.log import Log
-from ccpin.identification.residual_figures import autocorrelations
+from ccpin.identification.estimates.residual_figures import autocorrelations
+from ccpin.identification.logs.log import Log
 
 
 def test_autocorrelations_are_those_of_a_first_order_process():

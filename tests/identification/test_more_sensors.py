@@ -10,10 +10,10 @@ from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismErro
 
 pytest.importorskip("flint")
 from ccpin.identification import base_parameters
-from ccpin.identification.exact_spaces import doubles
-from ccpin.identification.identifiable import _closed_states
-from ccpin.identification.rank_claims import stacked_forms
-from ccpin.identification.recorded_twists import recorded_motions
+from ccpin.identification.combinations.exact_spaces import doubles
+from ccpin.identification.combinations.identifiable import _closed_states
+from ccpin.identification.combinations.rank_claims import stacked_forms
+from ccpin.identification.combinations.recorded_twists import recorded_motions
 from ccpin.validated.arithmetic.balls import flint
 from tests.support.forces import FOUR_BAR, arm, read
 

@@ -7,8 +7,8 @@ from scipy.integrate import solve_ivp
 import ccpin
 from ccpin.errors import InvalidInputError
 from ccpin.identification import identify, with_constants
-from ccpin.identification.geometry_numbers import changed_mechanism
-from ccpin.identification.shooting import MotionShot, VariedPlant, accelerations, followed
+from ccpin.identification.calibration.geometry_numbers import changed_mechanism
+from ccpin.identification.estimates.shooting import MotionShot, VariedPlant, accelerations, followed
 
 LENGTH = ("origin", "joint3/x")
 STEP = 1e-6

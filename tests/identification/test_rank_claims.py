@@ -10,10 +10,10 @@ from ccpin.proof.facts import NotProvedError, prove
 from tests.support.forces import FOUR_BAR, arm, read
 
 pytest.importorskip("flint")
-from ccpin.identification.identifiable import base_parameters
-from ccpin.identification.rank_claims import IndependentColumns
-from ccpin.identification.recorded_twists import recorded_motions
-from ccpin.identification.vanishing import identities
+from ccpin.identification.combinations.identifiable import base_parameters
+from ccpin.identification.combinations.rank_claims import IndependentColumns
+from ccpin.identification.combinations.recorded_twists import recorded_motions
+from ccpin.identification.combinations.vanishing import identities
 from ccpin.validated.arithmetic.balls import ball, flint
 
 BITS = 120

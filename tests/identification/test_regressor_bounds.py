@@ -7,8 +7,8 @@ import ccpin
 from ccpin.control.stability.tracking.masses import BodiesOnJoints, masses_of
 from ccpin.control.stability.tracking.motion_bounds import Motion
 from ccpin.domain.closures.system import reading_of
-from ccpin.identification.adaptive_reading import constants_of, frames_on
-from ccpin.identification.regressor_bounds import RegressorBounds, Shares, frames_of
+from ccpin.identification.adaptive.adaptive_reading import constants_of, frames_on
+from ccpin.identification.adaptive.regressor_bounds import RegressorBounds, Shares, frames_of
 from ccpin.proof.balls import Affine, affine
 
 SPRUNG = {"stiffness": 0.7, "spring_reference": 2.0, "damping": 0.3, "armature": 0.01}

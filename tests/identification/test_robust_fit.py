@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ccpin.identification import identify
-from ccpin.identification.log import Log
-from ccpin.identification.robust_fit import EffortRows, fitted_robustly
+from ccpin.identification.estimates.robust_fit import EffortRows, fitted_robustly
+from ccpin.identification.logs.log import Log
 
 BETA = np.array([1.0, -2.0, 0.5])
 NOISE = np.array([0.1, 0.02])

@@ -9,11 +9,11 @@ import pytest
 from ccpin.control.stability.tracking.cell_forms import WIDEN, CellForms, TimeCells
 from ccpin.control.stability.tracking.motion_bounds import Motion
 from ccpin.control.stability.tracking.tracking_equations import ReferencePieces
-from ccpin.identification import adaptive_bounds, adaptive_levels
-from ccpin.identification.adaptive_bounds import CellBounds, _middle, bounds_of
-from ccpin.identification.adaptive_equations import AdaptiveGains
-from ccpin.identification.adaptive_levels import carried, decay_of, delayed, grip_of, levels_of
-from ccpin.identification.adaptive_states import AdaptiveStates, SmoothCells, _jump, states_of
+from ccpin.identification.adaptive import adaptive_bounds, adaptive_levels
+from ccpin.identification.adaptive.adaptive_bounds import CellBounds, _middle, bounds_of
+from ccpin.identification.adaptive.adaptive_equations import AdaptiveGains
+from ccpin.identification.adaptive.adaptive_levels import carried, decay_of, delayed, grip_of, levels_of
+from ccpin.identification.adaptive.adaptive_states import AdaptiveStates, SmoothCells, _jump, states_of
 from ccpin.proof.balls import Affine, affine
 from ccpin.proof.chords import Chord
 from ccpin.proof.facts import NotProvedError

@@ -9,8 +9,8 @@ import ccpin
 from ccpin.description.finding import find_file
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.identification import Log, smoothed
-from ccpin.identification.log import position
-from ccpin.identification.penalized_splines import (
+from ccpin.identification.logs.log import position
+from ccpin.identification.logs.penalized_splines import (
     Knots,
     Measurements,
     apart,

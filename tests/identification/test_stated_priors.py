@@ -5,7 +5,7 @@ import pytest
 
 from ccpin.errors import InvalidInputError
 from ccpin.identification import consistent, identify
-from ccpin.identification.stated_priors import stated_prior
+from ccpin.identification.estimates.stated_priors import stated_prior
 
 PRIOR = {"inertia": "10 %", "armature": 1e-4, "damping": 0.02, "friction": 0.02, "friction:joint3": 0.005}
 

@@ -13,9 +13,9 @@ from ccpin.errors import CcpinError
 from tests.support.strategies import mechanisms
 
 pytest.importorskip("flint")
-from ccpin.identification.exact_spaces import doubles, invariant_span, null_space, reduced
-from ccpin.identification.recorded_twists import recorded_motions
-from ccpin.identification.vanishing import JoinedBody, identities
+from ccpin.identification.combinations.exact_spaces import doubles, invariant_span, null_space, reduced
+from ccpin.identification.combinations.recorded_twists import recorded_motions
+from ccpin.identification.combinations.vanishing import JoinedBody, identities
 from ccpin.validated.arithmetic.balls import flint
 
 ANKLE = "docs/howto/ankle.urdf"

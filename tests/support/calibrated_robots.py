@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import ccpin
 from ccpin.identification import Sensor, calibrate, calibration_poses
-from ccpin.identification.geometry_numbers import numbers_that_count
+from ccpin.identification.calibration.geometry_numbers import numbers_that_count
 from ccpin.kinematics.points import LinkPoint
 
 INSIDE = 1.959964  # standard deviations: 95 % of normal errors are within

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.identification.geometry_numbers import numbers_on_loops
+from ccpin.identification.calibration.geometry_numbers import numbers_on_loops
 from ccpin.transmission import Transmission, identify_geometry
 from tests.oracles.linkages import Ankle, Knee, about_x, about_y, crank_angle
 from tests.support.linkage_models import transmission_of

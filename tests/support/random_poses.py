@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ccpin.identification.calibration import sensors_at, unknown_geometry
-from ccpin.identification.geometry_fit import GeometryFit
+from ccpin.identification.calibration.calibrating import sensors_at, unknown_geometry
+from ccpin.identification.calibration.geometry_fit import GeometryFit
 from tests.support.calibrated_robots import COARSEST
 
 

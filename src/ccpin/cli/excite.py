@@ -14,7 +14,7 @@ from ccpin.cli.options import add_mechanism, add_vector, load, region
 from ccpin.cli.progress import busy
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
-from ccpin.identification.exciting_motions import Criterion, excitation
+from ccpin.identification.estimates.exciting_motions import Criterion, excitation
 
 _EXAMPLES = """\
 example: ccpin excite rpdr --lower-deg -110 -110 --upper-deg -70 -70 --speed 3 --out motion.csv

@@ -18,11 +18,11 @@ from ccpin.dynamics.changed_constants import with_constants
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.files import writable_target, write_atomically
-from ccpin.identification.consistency import consistent
-from ccpin.identification.estimation import identify
-from ccpin.identification.explained_efforts import told_of_motion
-from ccpin.identification.log import Log
-from ccpin.identification.smoothing import smoothed
+from ccpin.identification.estimates.consistency import consistent
+from ccpin.identification.estimates.estimation import identify
+from ccpin.identification.estimates.explained_efforts import told_of_motion
+from ccpin.identification.logs.log import Log
+from ccpin.identification.logs.smoothing import smoothed
 
 _EXAMPLES = """\
 example: ccpin identify rpdr --logs run1.csv run2.csv --out learnt.urdf --report learnt.html
@@ -78,7 +78,7 @@ def _identify(options: argparse.Namespace) -> int:
         notes = write_description(with_constants(model, chosen), options.out)
         written.append(str(options.out))
     if options.report:
-        from ccpin.identification.constants_page import estimate_page
+        from ccpin.identification.estimates.constants_page import estimate_page
 
         sets = (model.parameters, chosen)
         told = []

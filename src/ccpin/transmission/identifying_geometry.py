@@ -4,7 +4,7 @@ Pairs are measured with errors on both sides, and encoders may be mounted off by
 
     q̂_m = σ_m(q_j; p) + o_m + ε_m,        q̂_j = q_j + o_j + ε_j:
 
-a calibration by encoders of motors and joints (`ccpin.identification.geometry_fit`), in the joints' coordinates.
+a calibration by encoders of motors and joints (`geometry_fit`), in the joints' coordinates.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import instance, matrix_rows, records
 from ccpin.errors import InvalidInputError
-from ccpin.identification.calibration import sensors_at
-from ccpin.identification.geometry_fit import GeometryFit, identified, settled
-from ccpin.identification.geometry_numbers import numbers_on_loops, unknown_numbers
-from ccpin.identification.identified_geometry import IdentifiedGeometry
-from ccpin.identification.sensor_kinds import Encoders
-from ccpin.identification.sensors import deviations
+from ccpin.identification.calibration.calibrating import sensors_at
+from ccpin.identification.calibration.geometry_fit import GeometryFit, identified, settled
+from ccpin.identification.calibration.geometry_numbers import numbers_on_loops, unknown_numbers
+from ccpin.identification.calibration.identified_geometry import IdentifiedGeometry
+from ccpin.identification.calibration.sensor_kinds import Encoders
+from ccpin.identification.calibration.sensors import deviations
 from ccpin.transmission.transmission import Transmission
 
 _DEFAULT_NOISE = np.radians(0.02)

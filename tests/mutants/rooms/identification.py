@@ -10,9 +10,11 @@ _LEVELS = ("identification/test_sharp_adaptive.py",)
 _STRUCTURE = ("identification/test_vanishing.py", "identification/test_more_sensors.py")
 
 ROOMS = (
-    Room("identification/exact_spaces", ("reduced", "null_space", "invariant_span"), (*_STRUCTURE, *_CLAIMS)),
     Room(
-        "identification/vanishing",
+        "identification/combinations/exact_spaces", ("reduced", "null_space", "invariant_span"), (*_STRUCTURE, *_CLAIMS)
+    ),
+    Room(
+        "identification/combinations/vanishing",
         (
             *(
                 "identities",
@@ -30,7 +32,7 @@ ROOMS = (
         _STRUCTURE,
     ),
     Room(
-        "identification/identification_equations",
+        "identification/combinations/identification_equations",
         (
             "IdentificationEquations.__post_init__",
             "IdentificationEquations.sizes",
@@ -43,12 +45,12 @@ ROOMS = (
         _CLAIMS,
     ),
     Room(
-        "identification/rank_claims",
+        "identification/combinations/rank_claims",
         ("IndependentColumns.examined", "VanishingCombinations.examined"),
         _CLAIMS,
     ),
     Room(
-        "identification/regressor_bounds",
+        "identification/adaptive/regressor_bounds",
         (
             *("TIPS", "TEN", "OF_A_JOINT", "pseudo_inertia", "frames_of", "Shares.of"),
             *(f"RegressorBounds.{name}" for name in ("__init__", "inertia", "columns", "rates")),
@@ -58,7 +60,7 @@ ROOMS = (
         ("identification/test_regressor_bounds.py",),
     ),
     Room(
-        "identification/adaptive_equations",
+        "identification/adaptive/adaptive_equations",
         (
             *("_ADDS", "_DEFINITE", "_definite", "AdaptiveEquations.__post_init__", "AdaptiveEquations.sizes"),
             *("AdaptiveEquations.digest", "AdaptiveEquations.shares", "AdaptiveEquations.adds"),
@@ -68,13 +70,13 @@ ROOMS = (
         _ADAPTIVE,
     ),
     Room(
-        "identification/adaptive_states",
+        "identification/adaptive/adaptive_states",
         ("_APART", "_MENDED", "AdaptiveStates.chunk", "SmoothCells.of", "_jump", "states_of", "_with_more"),
         _LEVELS,
     ),
-    Room("identification/adaptive_bounds", ("_joined", "_part", "_middle", "_combined"), _LEVELS),
+    Room("identification/adaptive/adaptive_bounds", ("_joined", "_part", "_middle", "_combined"), _LEVELS),
     Room(
-        "identification/adaptive_levels",
+        "identification/adaptive/adaptive_levels",
         (
             *("_CLEAR", "_ROOM", "AdaptiveLevels.bound", "AdaptiveLevels.needed", "AdaptiveLevels.held", "levels_of"),
             *("_squared", "grip_of", "delayed", "_lately", "decay_of", "carried"),
@@ -82,12 +84,12 @@ ROOMS = (
         _LEVELS,
     ),
     Room(
-        "identification/adaptive_tube_claim",
+        "identification/adaptive/adaptive_tube_claim",
         ("AdaptiveTube.examined", "AdaptiveTube._cells", "AdaptiveTube._smooth"),
         _ADAPTIVE,
     ),
     Room(
-        "identification/adaptive_certificate",
+        "identification/adaptive/adaptive_certificate",
         (
             *(f"AdaptiveCertificate.{name}" for name in ("verdict", "_known", "_beyond", "replay", "_found", "times")),
             *(f"AdaptiveCertificate.{name}" for name in ("errors", "sliding", "error", "ultimate", "efforts")),
@@ -98,10 +100,16 @@ ROOMS = (
 )
 
 EXCUSED = (
-    Excused("identification/identifiable", (), "proposes; `rank_claims` checks"),
-    Excused("identification/adaptive_bounds", ("_NUMBERS", "bounds_of"), "how many cells are bounded at a time"),
-    Excused("identification/adaptive_certificate", ("AdaptiveCertificate.reason",), "words"),
-    Excused("identification/adaptive_reading", (), "reads a mechanism; claims are about what was read"),
-    Excused("identification/adaptive_search", (), "looks for a tube and proposes it: `AdaptiveTube` checks"),
-    Excused("identification/recorded_twists", (), "records; claims are about what was recorded, as told in tests"),
+    Excused("identification/combinations/identifiable", (), "proposes; `rank_claims` checks"),
+    Excused(
+        "identification/adaptive/adaptive_bounds", ("_NUMBERS", "bounds_of"), "how many cells are bounded at a time"
+    ),
+    Excused("identification/adaptive/adaptive_certificate", ("AdaptiveCertificate.reason",), "words"),
+    Excused("identification/adaptive/adaptive_reading", (), "reads a mechanism; claims are about what was read"),
+    Excused("identification/adaptive/adaptive_search", (), "looks for a tube and proposes it: `AdaptiveTube` checks"),
+    Excused(
+        "identification/combinations/recorded_twists",
+        (),
+        "records; tests tell that it is the mechanism",
+    ),
 )

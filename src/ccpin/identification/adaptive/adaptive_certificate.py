@@ -1,0 +1,209 @@
+"""Adaptive tracking, sampled: a bound of the error for every robot of a box of constants, proved.
+
+Theorem L of `ccpin/proof/theorems/adaptive.md`, which also says what is not covered. `_check` looks at which laws and
+motors it is about, `AdaptiveSearch` looks for a tube, and `AdaptiveTube` proves it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array, instance, numbers, whole
+from ccpin.control.stability.tracking.reference_tube import ReferenceTube, cut_along
+from ccpin.control.stability.tracking.tracking_equations import ReferencePieces
+from ccpin.domain.closures.system import Reading
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.identification.adaptive.adaptive_equations import AdaptiveEquations, AdaptiveGains
+from ccpin.identification.adaptive.adaptive_reading import constants_of, frames_on
+from ccpin.identification.adaptive.adaptive_search import AdaptiveSearch
+from ccpin.identification.adaptive.adaptive_tracking import AdaptiveTracking
+from ccpin.identification.adaptive.adaptive_tube_claim import AdaptiveTube
+from ccpin.mechanism.assumptions import without_dry_friction
+from ccpin.proof.equations import closures_of
+from ccpin.proof.facts import Fact, is_fact
+from ccpin.proof.rounding import SLACK
+from ccpin.proof.verdict import Judged, Verdict, not_known_of
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AdaptiveCertificate(Judged):
+    """What is proved of an adaptive law along its reference, for all constants of its box at once.
+
+    Attributes:
+        law: The law.
+        told: What the search came to, in a sentence.
+        proved: The fact about the tube (`AdaptiveTube`), which all numbers are of; ``None`` where none is proved.
+    """
+
+    law: AdaptiveTracking
+    told: str
+    proved: Fact | None
+    _tube: ReferenceTube = field(repr=False)
+
+    @property
+    def verdict(self) -> Verdict:
+        """``"proven"``, or ``"undecided"`` where the bounds do not close or ask more than the motors have."""
+        return "undecided" if self._known is None or self._beyond else "proven"
+
+    @property
+    def reason(self) -> str:
+        """The verdict in a sentence."""
+        if self.proved is not None and self._known is None:
+            return not_known_of("this law")
+        return f"{self.told}; but {self._beyond}" if self._known is not None and self._beyond else self.told
+
+    @cached_property
+    def _known(self) -> Fact | None:
+        """The fact, if it is one about the law."""
+        if not is_fact(self.proved, AdaptiveTube):
+            return None
+        own = equations_of(self.law, self._tube.path.reading, self._tube.equations.reference)
+        return self.proved if own.digest == self.proved.digest else None
+
+    @property
+    def _beyond(self) -> str:
+        """Which motor the law may ask for more than it has; empty where none."""
+        mechanism = self.law.model.mechanism
+        least = np.abs(mechanism.motors.limits).min(axis=1)
+        for name, asked, most in zip(mechanism.actuated, self.efforts.tolist(), least.tolist(), strict=True):
+            if not asked <= most:
+                return f"the motor on '{name}' may be asked for {asked:.3g}, of {most:.3g} that it has"
+        return ""
+
+    def replay(self) -> AdaptiveCertificate:
+        """The same, its bound proved once more from its data alone; one that was pickled is undecided until then.
+
+        Raises:
+            NotProvedError: It does not hold.
+        """
+        return self if self.proved is None else replace(self, proved=self.proved.replay())
+
+    def _found(self, name: str, *shape: int) -> Array:
+        """A number of the fact; infinite where there is none."""
+        return np.full(shape, np.inf) if self._known is None else np.asarray(self._known.found[name])
+
+    @property
+    def times(self) -> Array:
+        """The cells' ends, s, of shape (K + 1,); the last is infinite."""
+        return np.append(self._tube.cells.times[:-1], np.inf)
+
+    @property
+    def errors(self) -> Array:
+        """A bound of |q − q_d| over each cell, of shape (K, n); infinite where nothing is proved."""
+        n = self.law.model.n
+        return self._found("bound", len(self._tube.cells.kicks), 2 * n)[:, :n]
+
+    @property
+    def sliding(self) -> Array:
+        """A bound of |s|, s = ė + Λe, over each cell, alike."""
+        n = self.law.model.n
+        return self._found("bound", len(self._tube.cells.kicks), 2 * n)[:, n:]
+
+    @property
+    def error(self) -> Array:
+        """A bound of |q − q_d| for all t ≥ 0, of shape (n,); infinite where nothing is proved."""
+        return np.asarray(self.errors.max(axis=0))
+
+    @property
+    def ultimate(self) -> Array:
+        """A bound of |q − q_d| as t → ∞, of shape (n,)."""
+        return self._found("ultimate", self.law.model.n)
+
+    @property
+    def efforts(self) -> Array:
+        """What the law asks of each motor at most, whatever the robot and the estimate, of shape (motors,)."""
+        share = np.abs(_motors_of(self.law))
+        if self._known is None:
+            return np.full(len(share), np.inf)
+        return np.asarray(share @ self._known.found["efforts"].max(axis=0) * SLACK)
+
+    def mean_square(self, duration: float) -> Array:
+        """A bound of the mean of s_i² over the first `duration` seconds, samples whole, of shape (n,).
+
+        (V(0)/t + p)/K_i: what is left as t → ∞ is sampling's alone, and goes with the period.
+
+        Args:
+            duration: t, s; infinity for what is left.
+        """
+        if self._known is None:
+            return np.full(self.law.model.n, np.inf)
+        first, power = (self._known.found[name][0] for name in ("first", "power"))
+        return np.asarray((first / duration + power) / np.diag(self.law.K) * SLACK)
+
+
+def certify_adaptive(
+    law: AdaptiveTracking, *, initial_error: ArrayLike = 0.0, initial_sliding: ArrayLike = 0.0, cells: int = 128
+) -> AdaptiveCertificate:
+    """Bound the error of a sampled adaptive law for all robots whose constants lie in the law's box.
+
+    Args:
+        law: The law, along a reference of polynomials that is twice continuously differentiable.
+        initial_error: A bound of |q − q_d| at t = 0, a number or (n,).
+        initial_sliding: A bound of |s|, s = ė + Λe, at t = 0, alike.
+        cells: Into how many cells the reference's duration is cut; none may be shorter than the law's period.
+
+    Raises:
+        InvalidInputError: A bound is negative or not finite, or the reference's polynomials begin before t = 0, jump,
+            or are not the motion that its `at` tells.
+        UnsupportedMechanismError: Gains that are not diagonal, coordinates or joints that are not scalar, motors
+            elsewhere than on the independent joints, a reference that is no piecewise polynomial, closures that cannot
+            be certified.
+        SingularConfigurationError: The start is singular, or too near.
+    """
+    _check(law)
+    given = {"initial_error": initial_error, "initial_sliding": initial_sliding}
+    start = np.concatenate([_bound(value, name, law.model.n) for name, value in given.items()])
+    tube = cut_along(law, whole(cells, "cells"), equations_of)
+    found = AdaptiveSearch(tube, start).found()
+    return AdaptiveCertificate(law, found.reason + without_dry_friction(law.model.mechanism), found.proved, tube)
+
+
+def equations_of(law: AdaptiveTracking, reading: Reading, reference: ReferencePieces) -> AdaptiveEquations:
+    """What is claimed of a law, over closures that are read off its mechanism."""
+    model, theta = law.model, reading.theta(law.near.q_free)
+    theta[reading.system.independent] = law.near.q
+    places = constants_of(model.parameters)
+    gains = AdaptiveGains(np.diag(law.slope), np.diag(law.K), law.gain, law.period)
+    constants = law.known[places], law.basis[places], law.lower, law.upper
+    held = frames_on(model.mechanism, reading), model.gravity_vector, *constants
+    return AdaptiveEquations(closures_of(reading.problem), *held, gains, reference, theta)
+
+
+def _motors_of(law: AdaptiveTracking) -> Array:
+    """What one unit of each generalized force asks of the motors, of shape (motors, n)."""
+    return np.array([law.near.efforts(unit) for unit in np.eye(law.model.n)]).T
+
+
+def _bound(value: ArrayLike, name: str, n: int) -> Array:
+    array = numbers(value, name)
+    if array.shape not in ((), (n,)) or not np.all(np.isfinite(array) & (array >= 0.0)):
+        raise InvalidInputError(f"{name} must be a nonnegative number or {n} of them; it is {value!r}")
+    return np.broadcast_to(array, (n,)).copy()
+
+
+def _check(law: AdaptiveTracking) -> None:
+    """That the theorem is about this law and mechanism."""
+    instance(law, "law", AdaptiveTracking)
+    mechanism, coordinates = law.model.mechanism, law.model.coordinates
+    plural = next((joint for joint in mechanism.tree.joints if joint.kind.nv != 1), None)
+    if plural is not None:
+        raise UnsupportedMechanismError(
+            f"{mechanism.name}: the {plural.kind.name} joint '{plural.name}' has several freedoms, whose error has no "
+            "size that does not depend on a chart; describe it as joints about one axis each"
+        )
+    if law.model.actuation is not None:
+        raise UnsupportedMechanismError(
+            f"{mechanism.name}: the motors sit elsewhere than on the independent joints, so efforts that are held are "
+            "no constant force on q; load it with independent= set to the motors"
+        )
+    if not (coordinates.scalar and coordinates.constant):
+        raise UnsupportedMechanismError(
+            f"{mechanism.name}: tracking is certified for revolute and prismatic independent joints only"
+        )
+    for name, gains in (("slope", law.slope), ("K", law.K)):
+        if not np.array_equal(gains, np.diag(np.diag(gains))):
+            raise UnsupportedMechanismError(f"{name} is not diagonal, which the bound of single coordinates needs")

@@ -1,0 +1,230 @@
+"""Base parameters: how many combinations of a mechanism's constants its motion shows, which, and what is proved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from scipy.linalg import qr
+
+from ccpin.arrays import Array, Indices, choice, instance, records, whole
+from ccpin.dynamics.parameters import DynamicParameters
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.errors import CcpinError, UnsupportedMechanismError
+from ccpin.identification.combinations.exact_spaces import doubles
+from ccpin.identification.combinations.identification_equations import IdentificationEquations
+from ccpin.identification.combinations.rank_claims import IndependentColumns, VanishingCombinations, stacked_forms
+from ccpin.identification.combinations.recorded_twists import recorded_motions
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.facts import Fact, prove
+from ccpin.validated.arithmetic.balls import Ball, ball, flint
+from ccpin.validated.arithmetic.exact_numbers import boxed
+from ccpin.validated.flow.start_search import proved_start
+
+_SPREAD = 0.3  # rad or m about the reference, of states that are tried; halved until they can be closed
+_SEED = 20011
+_ROUNDED = 1e-9  # of a combination of length 1: nearer to others, and it is they that numbers' rounding keeps apart
+_TINY = 1e-13  # of a pivot: what is smaller may be there by rounding of a file's numbers alone, and is not counted
+_SHOWN = 1e-12  # of a coefficient in words
+
+
+@dataclass(frozen=True, eq=False)
+class BaseParameters:
+    """What of π the motion shows: Y π = Y_base (grouping π), and how many there are of them.
+
+    Attributes:
+        parameters: π.
+        lower: So many combinations are proved independent.
+        upper: So many at most: all others are proved to be without effect, by structure.
+        base: The constants that combinations are written on, of shape (upper,).
+        grouping: Of shape (upper, p), ones at `base`.
+        states: Closed states that the lower bound rests on.
+        facts: What both rest on.
+        added: By each of the sensors, in the order given: at least and at most so many combinations more.
+    """
+
+    parameters: DynamicParameters
+    lower: int
+    upper: int
+    base: Indices
+    grouping: Array
+    states: int
+    facts: tuple[Fact, Fact]
+    added: Mapping[str, tuple[int, int]]
+
+    @property
+    def proved(self) -> bool:
+        """Whether the number is proved."""
+        return self.lower == self.upper
+
+    @property
+    def values(self) -> Array:
+        """The combinations of the model's own constants, of shape (upper,)."""
+        return np.asarray(self.grouping @ self.parameters.values)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Each combination, as ``Izz:link + 0.078 mass:other``."""
+        return tuple(self._told(row, k) for row, k in zip(self.grouping, self.base.tolist(), strict=True))
+
+    @property
+    def reason(self) -> str:
+        """What is proved, in a sentence."""
+        count, more = len(self.parameters), "".join(f"; {_what_adds(*each)}" for each in self.added.items())
+        if self.proved:
+            return f"{self.lower} of {count} combinations are identifiable: proved from both sides{more}"
+        return (
+            f"at least {self.lower} and at most {self.upper} of {count} combinations are identifiable; "
+            f"{self.upper - self.lower} seem to depend on others at {self.states} states, which is not proved{more}"
+        )
+
+    def __repr__(self) -> str:
+        return f"BaseParameters({self.reason})"
+
+    def _told(self, row: Array, base: int) -> str:
+        names, told = self.parameters.names, self.parameters.names[base]
+        for k in np.flatnonzero(np.abs(row) > _SHOWN).tolist():
+            if k != base:
+                sign, size = "-" if row[k] < 0.0 else "+", abs(row[k])
+                told += f" {sign} {names[k]}" if abs(size - 1.0) < _SHOWN else f" {sign} {size:.6g} {names[k]}"
+        return told
+
+
+def base_parameters(
+    mechanism: Mechanism | ReducedModel,
+    *,
+    forces: Sequence[str] = (),
+    base: bool = False,
+    states: int | None = None,
+    precision: int = 500,
+) -> BaseParameters:
+    """How many combinations of a mechanism's constants its equations of motion show, proved as far as can be.
+
+    What encoders of passive joints tell is q′, which closures make known anyway: they add no combination.
+
+    Args:
+        mechanism: A mechanism, or a model with its gravity.
+        forces: Closures and couplings whose constraint forces (all their λ) are measured besides the motors' efforts:
+            a rod's axial force, what a ball joint carries.
+        base: Whether the wrench between the ground and all that stands on it is measured, as a force plate does.
+        states: How many closed states are tried; default half as many again as have to suffice.
+        precision: In bits, of the arithmetic.
+
+    Raises:
+        InvalidInputError: No mechanism is given, numbers that are none, or a closure that is none.
+        UnsupportedMechanismError: λ is asked for where closures repeat one another: motion does not decide it.
+        ConvergenceError: No closed state near the reference is proved.
+        CcpinError: python-flint is not installed.
+    """
+    model, bits = model_of(mechanism), whole(precision, "precision", 53)
+    wanted, plate = None if states is None else whole(states, "states"), instance(base, "base", bool)
+    names, added = _sensors(model, forces), dict[str, tuple[int, int]]()
+    found = _bounds(model, (), False, wanted, bits)
+    steps = [(name, names[: k + 1], False) for k, name in enumerate(names)]
+    for sensor, closures, held in [*steps, *[("base", names, True)] * plate]:
+        before, found = found, _bounds(model, closures, held, wanted, bits)
+        added[sensor] = max(found.lower - before.upper, 0), found.upper - before.lower
+    return replace(found, added=MappingProxyType(added))
+
+
+def _sensors(model: ReducedModel, forces: Sequence[str]) -> tuple[str, ...]:
+    """Closures and couplings whose forces are measured, checked."""
+    constraints = model.parametrization.constraints
+    names = records(forces, "forces", str)
+    for name in names:
+        choice(name, "forces", tuple(constraints.row_slices()))
+    if names and constraints.size > model.mechanism.n_free - model.n:
+        raise UnsupportedMechanismError(
+            f"{model.mechanism.name}: closures repeat one another, so that the motion does not decide their forces"
+        )
+    return tuple(dict.fromkeys(names))
+
+
+def _bounds(model: ReducedModel, forces: tuple[str, ...], base: bool, states: int | None, bits: int) -> BaseParameters:
+    """What is proved with some sensors."""
+    with flint().ctx.workprec(bits):
+        equations, own = recorded_motions(model, forces, base)
+        shown = prove(VanishingCombinations(equations, _apart(equations)))
+        combinations = shown.found["combinations"][0]
+        hidden = [int(np.flatnonzero(row)[-1]) for row in combinations]
+        columns = np.setdiff1d(np.arange(equations.sizes["P"]), hidden)
+        closed = _closed_states(model, equations, own, states or _enough(len(columns), equations), bits)
+        forms = stacked_forms(equations, closed)
+    rows, free = _independent(forms, columns.tolist(), bits)
+    independent = prove(
+        IndependentColumns(equations, np.array(rows, dtype=np.int64), np.array(free, dtype=np.int64), np.array([bits])),
+        *closed,
+    )
+    grouping = np.zeros((len(columns), equations.sizes["P"]))
+    grouping[np.arange(len(columns)), columns] = 1.0
+    grouping[:, hidden] = -combinations[:, columns].T
+    facts, nothing = (independent, shown), MappingProxyType[str, tuple[int, int]]({})
+    return BaseParameters(model.parameters, len(free), len(columns), columns, grouping, len(closed), facts, nothing)
+
+
+def _what_adds(sensor: str, between: tuple[int, int]) -> str:
+    least, most = between
+    return f"{sensor} adds {least}" if least == most else f"{sensor} adds between {least} and {most}"
+
+
+def _apart(equations: IdentificationEquations) -> Indices:
+    """Which combinations to choose: as many as are independent, and not by their numbers' rounding."""
+    rows = doubles(equations.identities)
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    triangle, order = qr(rows.T, mode="r", pivoting=True)
+    return np.sort(order[: np.sum(np.abs(np.diagonal(triangle)) > _ROUNDED)]).astype(np.int64)
+
+
+def _enough(columns: int, equations: IdentificationEquations) -> int:
+    """States that may suffice: each has n(n + 1)/2 + n forms of masses and weights, n + 1 for each virtual motion."""
+    n = equations.loop.n
+    return 4 + (3 * columns) // (n * (n + 3) + 2 * equations.virtual * (n + 1))
+
+
+def _closed_states(
+    model: ReducedModel, equations: IdentificationEquations, own: Any, count: int, bits: int
+) -> tuple[Fact, ...]:
+    """Closed states about the reference, as facts: as many as there are of so many tried."""
+    rng, found = np.random.default_rng(_SEED), list[Fact]()
+    start, failed = model.alpha(model.mechanism.q_reference), None
+    for _ in range(count):
+        step, v = _SPREAD * rng.uniform(-1.0, 1.0, model.n), rng.uniform(-1.0, 1.0, model.n)
+        for _ in range(6):
+            try:
+                x = own.numbers(model.at(model.coordinates.integrate(start, step)).q_free)
+                q = boxed([ball(value) for value in x[list(equations.loop.independent)].tolist()], bits)
+                found.append(proved_start(equations.loop, q, x, v, bits))
+                break
+            except CcpinError as error:
+                step, failed = 0.5 * step, error
+    if not found and failed is not None:
+        raise failed
+    return tuple(found)
+
+
+def _independent(forms: Sequence[Sequence[Ball]], base: Sequence[int], bits: int) -> tuple[list[int], list[int]]:
+    """Rows and columns of a minor that is not zero, by elimination row by row: a proposal."""
+    left, pivots, rows, columns = list(base), list[tuple[int, list[Ball]]](), list[int](), list[int]()
+    with flint().ctx.workprec(bits):
+        for number, form in enumerate(forms):
+            if not left:
+                break
+            row = dict(zip(base, (form[k] for k in base), strict=True))
+            for column, pivot in pivots:
+                factor = row.pop(column)
+                if factor == 0:
+                    continue
+                for k, entry in pivot:
+                    row[k] = row[k] - factor * entry
+            sizes = [float(abs(row[k]).abs_lower()) for k in left]
+            best = int(np.argmax(sizes))
+            if sizes[best] > _TINY:
+                column = left.pop(best)
+                scale = 1 / row.pop(column)
+                pivots.append((column, [(k, row[k] * scale) for k in left]))
+                rows.append(number)
+                columns.append(column)
+    return rows, columns

@@ -1,0 +1,1 @@
+"""Constants from logs: motions that show them, estimates, and what these are worth."""

@@ -1,0 +1,74 @@
+"""The samples of a log that count: those with all efforts, at which no joint that rubs may stand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, Indices
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.identification.estimates.robust_fit import RobustFit
+from ccpin.identification.logs.smoothing import Outlier, Smoothed
+
+_GAP = 1.5  # of the usual time between two samples: one is missing
+_SURE = 4.0  # standard deviations of a velocity within which its sign is not known
+
+
+class EffortSamples(NamedTuple):
+    """A log's samples.
+
+    Attributes:
+        motion: The smoothed log.
+        chosen: Which of its times count, by number, of shape (K,). left: How many with efforts do not.
+        stretch: Of each the number of a stretch without gaps in which no joint turns back, of shape (K,).
+        Y: The regressor, of shape (K, n, p). force: ρᵀSᵀu as measured, of shape (K, n).
+    """
+
+    motion: Smoothed
+    chosen: Indices
+    left: int
+    stretch: Indices
+    Y: Array
+    force: Array
+
+    @property
+    def t(self) -> Array:
+        """Their times, s, of shape (K,)."""
+        return self.motion.t[self.chosen]
+
+
+def samples_of(model: ReducedModel, motion: Smoothed, rubbing: bool) -> EffortSamples:
+    """Those of a smoothed log."""
+    rows = motion.with_efforts()
+    terms = model.terms_many(motion.q[rows], motion.v[rows])
+    rates = np.einsum("sij,sj->si", terms.rho, motion.v[rows])
+    spread = np.sqrt(np.einsum("sij,sj->si", terms.rho**2, motion.v_deviation[rows] ** 2))
+    turning = np.all(np.abs(rates) > _SURE * spread, axis=1) if rubbing else np.ones(len(rows), dtype=bool)
+    chosen = rows[turning]
+    Y = model.regressor_many(motion.q[chosen], motion.v[chosen], motion.a[chosen])
+    ways, apart = np.sign(rates[turning]), np.diff(motion.t[chosen])
+    gaps = apart > _GAP * np.median(np.diff(motion.t[rows])) if len(apart) else apart > 0.0
+    stretch = np.cumsum(np.r_[0, (ways[1:] != ways[:-1]).any(axis=1) | gaps])[: len(chosen)]
+    return EffortSamples(motion, chosen, int(len(rows) - len(chosen)), stretch, Y, motion.forces(model, chosen))
+
+
+def effort_outliers(
+    model: ReducedModel, samples: Sequence[EffortSamples], fit: RobustFit, left: Array
+) -> Iterator[Outlier]:
+    """Samples that a fit leaves out, by the motor whose effort alone explains most of it.
+
+    A motor that is off by e adds e b to what is left, b its column of ρᵀSᵀ: the b taken is that nearest to it, rows
+    counted by their deviations.
+    """
+    motors, first = np.eye(len(model.mechanism.actuated)), 0
+    for each in samples:
+        for k in np.flatnonzero(~fit.counted[first : first + len(each.chosen)]).tolist():
+            state = model.at(each.motion.q[each.chosen[k]])
+            felt = np.array([state.generalized_force(motor) for motor in motors]) / fit.deviation
+            size = np.maximum(np.linalg.norm(felt, axis=1), np.finfo(float).tiny)
+            worst = int(np.argmax(np.abs(felt @ (left[first + k] / fit.deviation)) / size))
+            name = f"u_{model.mechanism.actuated[worst]}"
+            yield Outlier(name, float(each.t[k]), float(fit.off[first + k]))
+        first += len(each.chosen)

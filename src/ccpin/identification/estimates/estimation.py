@@ -1,0 +1,297 @@
+"""The constants of a mechanism from logs: weighted least squares of Y π = ρᵀSᵀu, with its covariance.
+
+A log's motion is smoothed first (`smoothing`); each sample with all efforts gives the n rows of
+Y(q, q̇, q̈) π = ρᵀSᵀu (22). What the rows tell apart is β = Vᵀ S π (`felt_combinations`); with Σ the
+efforts' noise, found from the residuals, β̂ = C Wᵀ Σ⁻¹ τ and its covariance is C = (Wᵀ Σ⁻¹ W)⁻¹
+(`robust_fit`). What an encoder's noise
+leaves in q̈ is not white, but has next to nothing of the slow changes that motions make: C counts it as if it were.
+(C. Atkeson, C. An and J. Hollerbach, Estimation of inertial parameters of manipulator loads and links, International
+Journal of Robotics Research 5, 1986; M. Gautier, Numerical calculation of the base inertial parameters, 1991.)
+
+A constant of which something is known beforehand is told whether logs show it or not: V spans what motors feel and all
+such constants, and β̂ and C are the posterior's. A sample at which a joint with friction may turn either way within what
+its velocity is known to is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import qr
+from scipy.special import gammaincinv
+
+from ccpin.arrays import Array, Indices, instance, positive, records
+from ccpin.dynamics.parameters import DynamicParameters
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.errors import ConvergenceError, InvalidInputError
+from ccpin.identification.estimates.clock_delays import Delay, further_delays, slopes
+from ccpin.identification.estimates.effort_samples import EffortSamples, effort_outliers, samples_of
+from ccpin.identification.estimates.felt_combinations import Effects, Motions, checked_kinds, effects
+from ccpin.identification.estimates.held_out import HeldOut, cross_validated, parts_of
+from ccpin.identification.estimates.output_error import Refined, refined
+from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit, fitted_robustly
+from ccpin.identification.estimates.stated_priors import Prior, stated_prior
+from ccpin.identification.logs.log import Log
+from ccpin.identification.logs.smoothing import Outlier, Smoothed, smoothed
+from ccpin.mechanism.mechanism import Mechanism
+
+_SMOOTHNESS = 0.3  # a third of what serves the motion best: what is cut off peaks of q̈ would come back as constants
+_COUNTS = 1e-9  # of a combination's largest multiple: smaller ones are rounding
+_ALIGNED, _MOST_TURNS = 0.1, 6  # standard deviations of a delay that are not worth another turn; turns
+_FAR = 0.05  # of a log: clocks that are farther apart are no clocks that are late
+
+
+class Estimate(NamedTuple):
+    """What logs tell of a mechanism's constants.
+
+    Attributes:
+        combinations: What can be told, in words: a parameter, and the multiples of others that it cannot be told from.
+        values: Of these, of shape (r,), in the first parameter's unit. stated: what the model says of them, alike.
+        covariance: Of the values, of shape (r, r).
+        multiples: The values as multiples of all p constants, of shape (r, p).
+        parameters: All constants looked at: those nearest the model's (in effect) that agree with the values.
+        effort_noise: Standard deviation of what is left of each row of ρᵀSᵀu, N m or N, of shape (n,).
+        samples: How many counted, and how many were left out because a joint may have stood.
+        outliers: Efforts that were left out, by the motor that explains them best; `off` in deviations of all rows.
+        held_out: What constants found without a part of the samples make of it.
+        delays: How late each log's efforts are.
+        motions: The smoothed logs.
+        effects: How combinations follow from constants.
+    """
+
+    combinations: tuple[str, ...]
+    values: Array
+    stated: Array
+    covariance: Array
+    multiples: Array
+    parameters: DynamicParameters
+    effort_noise: Array
+    samples: tuple[int, int]
+    outliers: tuple[Outlier, ...]
+    held_out: tuple[HeldOut, ...]
+    delays: tuple[Delay, ...]
+    motions: tuple[Smoothed, ...]
+    effects: Effects
+
+    def __repr__(self) -> str:
+        used, left = self.samples
+        return f"Estimate({len(self.values)} combinations of constants from {used} samples, {left} left out)"
+
+    @property
+    def deviations(self) -> Array:
+        """Standard deviations of the values, of shape (r,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def box(self, confidence: float = 0.95, about: DynamicParameters | None = None) -> tuple[Array, Array]:
+        """Bounds (lower, upper), of shape (p,) each, of constants about the ellipsoid of this confidence.
+
+        Of each combination its first parameter alone varies, so that the combination is its value less to plus √χ²_r
+        deviations: that is how far any of (β − β̂)ᵀ C⁻¹ (β − β̂) ≤ χ²_r goes. As Y knows combinations alone (to what
+        `effects` calls felt), a robot whose combinations are in the ellipsoid moves as one in the box does.
+
+        Args:
+            confidence: Of the ellipsoid, between 0 and 1.
+            about: What all other constants are, those of a law's model; default `parameters`.
+
+        Raises:
+            InvalidInputError: The confidence is not between 0 and 1, or the constants are another mechanism's.
+        """
+        about = self.parameters if about is None else instance(about, "about", DynamicParameters)
+        if about.names != self.parameters.names:
+            raise InvalidInputError("the constants are those of another mechanism")
+        level, radii = positive(confidence, "confidence", "a number between 0 and 1"), np.zeros(len(self.parameters))
+        if level >= 1.0:
+            raise InvalidInputError(f"confidence = {level:g} must be a number between 0 and 1")
+        first = self.effects.columns[pivots(self.effects)]
+        radii[first] = np.sqrt(2.0 * gammaincinv(len(self.values) / 2.0, level)) * self.deviations
+        middle = np.array(about.values)
+        middle[first] += self.values - self.multiples @ about.values
+        return middle - radii, middle + radii
+
+    def refined(
+        self,
+        model: ReducedModel | Mechanism,
+        logs: Log | Iterable[Log],
+        *,
+        geometry: Sequence[str] = (),
+        horizon: float = 0.1,
+    ) -> Refined:
+        """Constants, and lengths, by which motions simulated from here on come nearest to the measured ones.
+
+        Args:
+            model: The mechanism that the estimate is of.
+            logs: Those that it is from.
+            geometry: Numbers of the geometry to find with the constants: ``"origin:JOINT/x"`` and others, as
+                `calibrate` calls them.
+            horizon: How long a simulated motion is, s (`ccpin.identification.estimates.output_error`).
+
+        Raises:
+            InvalidInputError: Other logs, an unknown name, no stretch that is long enough, or numbers that the logs do
+                not tell.
+            ConvergenceError: No constants were settled on.
+        """
+        return refined(model, self, logs, geometry, horizon)
+
+    def table(self) -> str:
+        """Each combination, its value, its standard deviation and what the model states, a line each."""
+        rows = zip(self.combinations, self.values, self.deviations, self.stated, strict=True)
+        return "\n".join(
+            f"{value:12.5g} ± {off:9.2g}   stated {said:12.5g}   {name}" for name, value, off, said in rows
+        )
+
+
+def identify(
+    model: ReducedModel | Mechanism,
+    logs: Log | Iterable[Log],
+    *,
+    kinds: Sequence[str] | None = None,
+    spacing: float | None = None,
+    noise: Mapping[str, float] | None = None,
+    prior: Mapping[str, float | str] | None = None,
+    robust: bool = True,
+    align: bool = False,
+) -> Estimate:
+    """What logs tell of a mechanism's constants.
+
+    Args:
+        model: The mechanism as it is described; its geometry is taken as it is.
+        logs: One or more, with positions of the independent coordinates and efforts of all motors.
+        kinds: Of parameters to find (`ReducedModel.parameters`: ``"inertia"``, ``"friction"``, …), all others are taken
+            as stated; by default inertias, armatures, dampers and friction, and springs where the model has any.
+        spacing: Between the knots of the motions' splines, s (`smoothed`).
+        noise: Standard deviations of columns where they are known (`smoothed`).
+        prior: How well the model's own constants are known, by kind (``"mass"``, ``"inertia"``) or name
+            (``"friction:hip"``): standard deviations in their units, or shares, ``"5 %"``
+            (`ccpin.identification.estimates.stated_priors`). Such constants are told apart where logs do not.
+        robust: Leave out efforts that are more than five deviations off (`robust_fit`).
+        align: Set the efforts' clocks right (`Log.delayed`), each log's by what leaves least of it.
+
+    Raises:
+        InvalidInputError: No log, an effort was not measured, too few samples to tell anything, or a prior of what is
+            not looked for.
+        UnsupportedMechanismError: A coordinate is a ball or a circle.
+        ConvergenceError: Clocks that are so far apart that setting them right does not settle.
+    """
+    model = model_of(model)
+    logs = records([logs] if isinstance(logs, Log) else logs, "logs", Log)
+    if not logs:
+        raise InvalidInputError("no log: there is nothing to learn from")
+    for name, value in (("robust", robust), ("align", align)):
+        instance(value, name, bool, "True or False")
+    kinds = checked_kinds(kinds, model)
+    known = stated_prior(model.parameters, model.parameters.of(*kinds), prior)
+    for log in logs:
+        if missing := [name for name in model.mechanism.actuated if f"u_{name}" not in log.columns]:
+            raise InvalidInputError(f"no column 'u_{missing[0]}' in {log!r}: each motor's effort must be measured")
+    taken, most = np.zeros(len(logs)), _FAR * np.array([log.t[-1] - log.t[0] for log in logs])
+    for turn in range(_MOST_TURNS):
+        on_time = [log.delayed({"u": late}) if late else log for log, late in zip(logs, taken.tolist(), strict=True)]
+        motions = [smoothed(log, model, spacing=spacing, noise=noise, smoothness=_SMOOTHNESS) for log in on_time]
+        samples = [samples_of(model, motion, "friction" in kinds) for motion in motions]
+        found = _effects(model, samples, kinds, known)
+        rows = _rows(model, samples, found, known)
+        fit = fitted_robustly(rows, robust)
+        delays = _further(samples, rows, fit)
+        if not align or (np.abs(delays[0]) <= _ALIGNED * delays[1]).all():
+            break
+        taken = taken + delays[0]
+        if turn == _MOST_TURNS - 1 or (np.abs(taken) > most).any():
+            raise ConvergenceError(f"setting the efforts' clocks right does not settle: they seem to be {taken} s late")
+    told = zip(logs, *delays, taken, strict=True)
+    late = tuple(Delay(log.source, float(d + own), float(off), float(own)) for log, d, off, own in told)
+    return _estimate(model, samples, found, rows, fit, late)
+
+
+def _effects(model: ReducedModel, samples: Sequence[EffortSamples], kinds: Sequence[str], known: Prior) -> Effects:
+    """What motors feel in the box of the logs' motions, and all constants of which something is known."""
+    used, left = sum(len(each.chosen) for each in samples), sum(each.left for each in samples)
+    if used <= len(model.parameters.of(*kinds)):
+        raise InvalidInputError(f"{used} samples count, {left} were left out: too few to tell anything")
+    q = np.concatenate([each.motion.q for each in samples])
+    low, high = q.min(axis=0), q.max(axis=0)
+    v, a = (np.concatenate([np.abs(getattr(m.motion, name)) for m in samples]).max(axis=0) for name in ("v", "a"))
+    felt = effects(model, Motions((low + high) / 2.0, (high - low) / 2.0, v, a), kinds)
+    single = np.eye(len(felt.columns))[:, np.searchsorted(felt.columns, known.columns)]
+    further, size, _ = np.linalg.svd(single - felt.basis @ (felt.basis.T @ single), full_matrices=False)
+    return felt._replace(basis=np.hstack([felt.basis, further[:, size > _COUNTS]]))
+
+
+def _rows(model: ReducedModel, samples: Sequence[EffortSamples], found: Effects, known: Prior) -> EffortRows:
+    """W β = τ less what constants that are not looked for make, and what is known beforehand."""
+    values = model.parameters.values
+    others = np.setdiff1d(np.arange(len(values)), found.columns)
+    tau = np.concatenate([each.force - each.Y[..., others] @ values[others] for each in samples])
+    W = np.concatenate([found.reduced(each.Y) for each in samples]).reshape(*tau.shape, -1)
+    places = np.searchsorted(found.columns, known.columns)
+    P = found.basis[places] / (found.scale[places] * known.deviations)[:, None]
+    return EffortRows(W, tau, P, values[known.columns] / known.deviations)
+
+
+def _further(samples: Sequence[EffortSamples], rows: EffortRows, fit: RobustFit) -> tuple[Array, Array]:
+    """By how much the efforts of each log are later than was thought, with standard deviations."""
+    left = rows.left(fit.beta)
+    parts = np.split(left, np.cumsum([len(each.chosen) for each in samples])[:-1])
+    told = [slopes(s.t, s.stretch, s.force - missed) for s, missed in zip(samples, parts, strict=True)]
+    return further_delays(fit, left, told, [slopes(s.t, s.stretch, s.force) for s in samples])
+
+
+def _estimate(
+    model: ReducedModel,
+    samples: Sequence[EffortSamples],
+    found: Effects,
+    rows: EffortRows,
+    fit: RobustFit,
+    late: tuple[Delay, ...],
+) -> Estimate:
+    """Words and values: s₁ + (V₁ᵀ)⁻¹V₂ᵀ s₂ = (V₁ᵀ)⁻¹ β, with s = S π and V₁ the rows of V that pivot."""
+    everything, scale, V = model.parameters, found.scale, found.basis
+    r, stated = V.shape[1], everything.values[found.columns]
+    first = pivots(found)
+    turned = np.linalg.inv(V[first].T)
+    multiples = np.zeros((r, len(everything)))
+    multiples[:, found.columns] = (turned @ V.T) * scale / scale[first][:, None]
+    multiples[np.abs(multiples) < _COUNTS * np.abs(multiples).max(axis=1, keepdims=True)] = 0.0
+    to_values, before = turned / scale[first][:, None], V.T @ (scale * stated)
+    values = np.array(everything.values)
+    values[found.columns] = stated + V @ (fit.beta - before) / scale
+    measured = np.concatenate([each.force for each in samples])
+    missed = measured - np.concatenate([each.Y @ everything.values for each in samples])
+    counted = np.split(fit.counted, np.cumsum([len(each.chosen) for each in samples])[:-1])
+    parts = parts_of([each.t[c] for each, c in zip(samples, counted, strict=True)], [each.log for each in late])
+    own = fit.counted
+    return Estimate(
+        tuple(
+            _words(everything.names, row, int(column))
+            for row, column in zip(multiples, found.columns[first], strict=True)
+        ),
+        to_values @ fit.beta,
+        multiples @ everything.values,
+        to_values @ fit.covariance @ to_values.T,
+        multiples,
+        DynamicParameters(everything.names, everything.kinds, everything.units, values),
+        fit.deviation,
+        (int(fit.counted.sum()), sum(each.left for each in samples)),
+        tuple(effort_outliers(model, samples, fit, rows.left(fit.beta))),
+        cross_validated(rows.of(own), fit.deviation, before, missed[own], measured[own], parts),
+        late,
+        tuple(each.motion for each in samples),
+        found,
+    )
+
+
+def pivots(found: Effects) -> Indices:
+    """Which of the columns combinations are written on, of shape (r,)."""
+    return np.sort(qr(found.basis.T, pivoting=True, mode="r")[1][: found.basis.shape[1]])
+
+
+def _words(names: Sequence[str], multiples: Array, first: int) -> str:
+    """``mx:link3 + 0.5 mass:link4``: the first parameter, then the others."""
+    others = [k for k in np.flatnonzero(multiples).tolist() if k != first]
+    return " ".join([names[first], *(f"{_times(multiples[k])}{names[k]}" for k in others)])
+
+
+def _times(multiple: float) -> str:
+    size = f"{abs(multiple):.6g}"
+    return f"{'+' if multiple > 0 else '-'} {'' if size == '1' else size + ' '}"

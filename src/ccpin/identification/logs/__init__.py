@@ -1,0 +1,1 @@
+"""Logs: what was measured, read from files and made smooth."""
