@@ -68,6 +68,13 @@ ROOMS = (
             "AdaptiveEquations.__reduce__",
         ),
         _ADAPTIVE,
+        (
+            (
+                "np.where(own > 0.0, own, 1.0)",
+                "1 × ",
+                "where there is a 0, or less, none is definite whatever the others are",
+            ),
+        ),
     ),
     Room(
         "identification/adaptive/adaptive_states",

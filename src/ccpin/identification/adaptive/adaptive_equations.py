@@ -71,7 +71,7 @@ class AdaptiveEquations:
     def __post_init__(self) -> None:
         require(type(self.closures) is Closures, "closures that the kernel does not know")
         system, frames = self.closures.system, tuple(self.frames)
-        require(len(frames) > 0 and len(frames) % TIPS == 0, "bodies without an origin and three axes")
+        require(len(frames) % TIPS == 0, "bodies without an origin and three axes")
         size = TEN * (len(frames) // TIPS) + OF_A_JOINT * system.n_free
         basis = np.array(self.basis, dtype=np.float64)
         require(basis.ndim == 2 and len(basis) == size and np.all(np.isfinite(basis)), "no combinations of constants")
