@@ -41,6 +41,7 @@ ROOMS: tuple[Room, ...] = (
         ("masses_of", "_padded"),
         (
             "control/stability/set_point/test_sharp_gravity.py",
+            "control/stability/set_point/test_sets_of_robots.py",
             "control/stability/set_point/test_sharp_potential.py",
             f"{_GRAVITY}::test_centre_is_exact",
         ),
