@@ -89,6 +89,13 @@ ROOMS = (
             *("_squared", "grip_of", "delayed", "_lately", "decay_of", "carried"),
         ),
         _LEVELS,
+        (
+            (
+                "held = np.all(above",
+                "left × 2",
+                "what is above a half proves ρ < 1 as well, and then W is what was solved for",
+            ),
+        ),
     ),
     Room(
         "identification/adaptive/adaptive_tube_claim",
