@@ -46,7 +46,7 @@ PLACES = {
     "visualization": Place(1.1, "MeshCat pages, films", PEOPLE),
     "pages": Place(-2.0, "offline HTML", PEOPLE),
     "studio": Place(0.65, "driven by hand", PEOPLE),
-    "transmission": Place(-0.72, "from motors to joints", MODEL),
+    "transmission": Place(-2.1, "from motors to joints", MODEL),
     "paper": Place(-1.4, "the paper recomputed", PEOPLE),
     "report": Place(0.0, "a page about a mechanism", PEOPLE),
     "gym": Place(1.1, "Gymnasium environments", PEOPLE),
