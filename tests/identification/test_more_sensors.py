@@ -77,7 +77,9 @@ def of_sensors(model, forces, base):
 
 
 @pytest.mark.parametrize(
-    "described", ["rpdr", FOUR_BAR, SPRUNG, ANKLE, "slider_crank"], ids=["rpdr", "bar", "arm", "ankle", "slider"]
+    "described",
+    ["rpdr", FOUR_BAR, SPRUNG, pytest.param(ANKLE, marks=pytest.mark.slow), "slider_crank"],
+    ids=["rpdr", "bar", "arm", "ankle", "slider"],
 )
 def test_what_sensors_see(described):
     """Combinations by structure are in none of their rows, and forms have the rank of these."""

@@ -7,6 +7,7 @@ import ccpin
 from ccpin.errors import CcpinError, UnreachableError
 from ccpin.kinematics import parametrization
 from tests.oracles import rpdr as oracle
+from tests.support.backends import same_on_both
 from tests.support.paper import to_free
 
 SIZES = [1, pytest.param(20, marks=pytest.mark.slow)]
@@ -50,6 +51,7 @@ def walks_only(monkeypatch):
     return answer
 
 
+@same_on_both
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("name", ["rpdr", "delta", "stewart"])
 def test_leaps_refuse_what_the_walk_refuses(name, size, walks_only):

@@ -15,9 +15,11 @@ from ccpin import control
 from ccpin.control import Measurement, Sampling
 from ccpin.control.control_law import Delayed, NoTorque
 from ccpin.description import scaled
+from tests.support.backends import same_on_both
 
 PAIRS = int(os.environ.get("CCPIN_PAIRS", "20"))
 START, GOAL = np.radians((-118.0, -62.0)), np.radians((-108.0, -72.0))
+BOTH = ("PDFullGravity", "ComputedTorque")
 TIGHT = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
 SEEDS = (0, 1) if ccpin.backend().name == "native" else (1,)  # the reference takes long
 
@@ -82,7 +84,10 @@ def compare(name, seed, sampling=None):
     return spent
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[same_on_both] * (name not in ("PDFullGravity", "ComputedTorque"))) for name in LAWS],
+)
 def test_a_law_computes_with_its_own_model(name):
     """With full gravity and computed torque it was as if they knew the plant."""
     for seed in SEEDS:
@@ -90,7 +95,7 @@ def test_a_law_computes_with_its_own_model(name):
 
 
 @pytest.mark.parametrize("name", ["PDFullGravity", "ComputedTorque", "PDPlus"])
-@pytest.mark.parametrize("counts", [None, 4000])
+@pytest.mark.parametrize("counts", [None, pytest.param(4000, marks=same_on_both)])
 def test_so_it_does_as_a_sampled_loop(name, counts):
     """With and without encoders."""
     for seed in SEEDS:
