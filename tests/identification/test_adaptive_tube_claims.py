@@ -205,6 +205,16 @@ def test_other_laws_and_robots_have_tubes_of_their_own(known):
     assert prove(less, *known.premises).found["first"] > 1.9 * known.found["first"]
 
 
+def test_a_cell_is_as_long_as_a_period(known):
+    """What holds in between two samples is of two cells at most; a cell as long as the period has other troubles."""
+    own, shortest = known.claim.equations, np.diff(known.claim.times).min()
+    for period, told in ((1.001 * shortest, "a cell that is shorter than the period"), (shortest, "not")):
+        late = changed(own, gains=own.gains._replace(period=period))
+        with pytest.raises(NotProvedError, match=told) as raised:
+            prove(replace(known.claim, equations=late), *known.premises)
+        assert ("shorter" in str(raised.value)) == (period > shortest)
+
+
 def test_which_constants_only_add(known):
     """Masses, Ixx, Iyy and Izz, rotors, and whole bodies; first moments and products do not, nor what goes down."""
     own = known.claim.equations
