@@ -269,6 +269,7 @@ def test_a_fact_about_another_law_says_nothing_of_this(certificate):
     assert np.isinf(other.error).all()
     for numbers in (other.mean_square(np.inf), other.efforts, other.ultimate, other.sliding):
         assert np.isinf(numbers).all()
+    assert other.sliding.shape == other.errors.shape == certificate.errors.shape
     assert "this law" in other.reason
     loaded = replace(certificate, proved=pickle.loads(pickle.dumps(certificate.proved)))
     assert loaded.verdict == "undecided"
@@ -310,6 +311,12 @@ def test_a_reference_that_leaves_the_branch_is_undecided():
     found = certify_adaptive(law_of(move=np.array([2.0, -2.0])), cells=CELLS)
     assert found.verdict == "undecided"
     assert "reference itself" in found.reason
+
+
+def test_dry_friction_is_named():
+    """A robot that rubs is told of with the smooth one."""
+    rubbing = ccpin.load("rpdr", joints={"joint3": {"friction": 0.01}})
+    assert "without the dry friction of joint3" in certify_adaptive(law_of(rubbing), cells=2).reason
 
 
 def test_what_it_is_not_about():

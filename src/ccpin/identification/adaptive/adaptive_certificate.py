@@ -12,11 +12,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, instance, numbers, whole
-from ccpin.control.stability.tracking.reference_tube import ReferenceTube, cut_along
+from ccpin.arrays import Array, instance, whole
+from ccpin.control.stability.tracking.reference_tube import ReferenceTube, cut_along, theta_at_start
 from ccpin.control.stability.tracking.tracking_equations import ReferencePieces
+from ccpin.control.stability.tracking.tracking_error import bound_at_start, require_scalar
 from ccpin.domain.closures.system import Reading
-from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.errors import UnsupportedMechanismError
 from ccpin.identification.adaptive.adaptive_equations import AdaptiveEquations, AdaptiveGains
 from ccpin.identification.adaptive.adaptive_reading import constants_of, frames_on
 from ccpin.identification.adaptive.adaptive_search import AdaptiveSearch
@@ -156,7 +157,7 @@ def certify_adaptive(
     """
     _check(law)
     given = {"initial_error": initial_error, "initial_sliding": initial_sliding}
-    start = np.concatenate([_bound(value, name, law.model.n) for name, value in given.items()])
+    start = np.concatenate([bound_at_start(value, name, law.model.n) for name, value in given.items()])
     tube = cut_along(law, whole(cells, "cells"), equations_of)
     found = AdaptiveSearch(tube, start).found()
     return AdaptiveCertificate(law, found.reason + without_dry_friction(law.model.mechanism), found.proved, tube)
@@ -164,8 +165,7 @@ def certify_adaptive(
 
 def equations_of(law: AdaptiveTracking, reading: Reading, reference: ReferencePieces) -> AdaptiveEquations:
     """What is claimed of a law, over closures that are read off its mechanism."""
-    model, theta = law.model, reading.theta(law.near.q_free)
-    theta[reading.system.independent] = law.near.q
+    model, theta = law.model, theta_at_start(law, reading)
     places = constants_of(model.parameters)
     gains = AdaptiveGains(np.diag(law.slope), np.diag(law.K), law.gain, law.period)
     constants = law.known[places], law.basis[places], law.lower, law.upper
@@ -178,17 +178,10 @@ def _motors_of(law: AdaptiveTracking) -> Array:
     return np.array([law.near.efforts(unit) for unit in np.eye(law.model.n)]).T
 
 
-def _bound(value: ArrayLike, name: str, n: int) -> Array:
-    array = numbers(value, name)
-    if array.shape not in ((), (n,)) or not np.all(np.isfinite(array) & (array >= 0.0)):
-        raise InvalidInputError(f"{name} must be a nonnegative number or {n} of them; it is {value!r}")
-    return np.broadcast_to(array, (n,)).copy()
-
-
 def _check(law: AdaptiveTracking) -> None:
     """That the theorem is about this law and mechanism."""
     instance(law, "law", AdaptiveTracking)
-    mechanism, coordinates = law.model.mechanism, law.model.coordinates
+    mechanism = law.model.mechanism
     plural = next((joint for joint in mechanism.tree.joints if joint.kind.nv != 1), None)
     if plural is not None:
         raise UnsupportedMechanismError(
@@ -200,10 +193,7 @@ def _check(law: AdaptiveTracking) -> None:
             f"{mechanism.name}: the motors sit elsewhere than on the independent joints, so efforts that are held are "
             "no constant force on q; load it with independent= set to the motors"
         )
-    if not (coordinates.scalar and coordinates.constant):
-        raise UnsupportedMechanismError(
-            f"{mechanism.name}: tracking is certified for revolute and prismatic independent joints only"
-        )
+    require_scalar(law.model)
     for name, gains in (("slope", law.slope), ("K", law.K)):
         if not np.array_equal(gains, np.diag(np.diag(gains))):
             raise UnsupportedMechanismError(f"{name} is not diagonal, which the bound of single coordinates needs")

@@ -416,11 +416,11 @@ def test_what_a_search_finds_is_certified(monkeypatch):
 
 
 def test_bounds_that_are_given():
-    np.testing.assert_array_equal(tracking_error._bound(0.5, "x", 2), [0.5, 0.5])
-    np.testing.assert_array_equal(tracking_error._bound([0.5, 0.0], "x", 2), [0.5, 0.0])
+    np.testing.assert_array_equal(tracking_error.bound_at_start(0.5, "x", 2), [0.5, 0.5])
+    np.testing.assert_array_equal(tracking_error.bound_at_start([0.5, 0.0], "x", 2), [0.5, 0.0])
     for bad in (-0.1, [0.1, -0.1], np.inf, [np.nan, 0.0], [0.1] * 3):
         with pytest.raises(InvalidInputError):
-            tracking_error._bound(bad, "x", 2)
+            tracking_error.bound_at_start(bad, "x", 2)
 
 
 @pytest.mark.parametrize(

@@ -120,10 +120,16 @@ def equations_of(law: TrackingLaw, reading: Reading, reference: ReferencePieces)
     Raises:
         UnsupportedMechanismError: A joint of several freedoms, no closures, or one that keeps a distance; another law.
     """
-    model, theta = law.model, reading.theta(law.near.q_free)
-    theta[reading.system.independent] = law.near.q
+    model, theta = law.model, theta_at_start(law, reading)
     free = bodies_on_joints_of(model.mechanism, reading, model.gravity_vector)
     return TrackingEquations(closures_of(reading.problem), free, feedback_of(law), reference, theta)
+
+
+def theta_at_start(law: Any, reading: Reading) -> Array:
+    """θ of q_d(0), with just its own q."""
+    theta = reading.theta(law.near.q_free)
+    theta[reading.system.independent] = law.near.q
+    return theta
 
 
 def feedback_of(law: TrackingLaw) -> Feedback:

@@ -19,6 +19,7 @@ from ccpin.control.stability.tracking.tube_claim import TubeKept
 from ccpin.control.stability.tracking.tube_levels import Disturbances
 from ccpin.control.stability.tracking.tube_search import TubeSearch
 from ccpin.control.tracking import TrackingLaw
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.assumptions import limits_left_out, without_dry_friction
 from ccpin.proof.facts import Fact, NotProvedError, is_fact, prove
@@ -229,11 +230,16 @@ def _certificate(law: TrackingLaw, tube: ReferenceTube, given: Disturbances) -> 
 def _given(law: TrackingLaw, push: ArrayLike, error: ArrayLike, speed: ArrayLike) -> tuple[Array, Array]:
     """f̄ (n,) and the bounds of (e, ė) at the start (2n,)."""
     given = {"disturbance": push, "initial_error": error, "initial_speed": speed}
-    bounds = [_bound(value, name, law.model.n) for name, value in given.items()]
+    bounds = [bound_at_start(value, name, law.model.n) for name, value in given.items()]
     return bounds[0], np.concatenate(bounds[1:])
 
 
-def _bound(value: ArrayLike, name: str, n: int) -> Array:
+def bound_at_start(value: ArrayLike, name: str, n: int) -> Array:
+    """A bound of each of n errors, given as such or as one number.
+
+    Raises:
+        InvalidInputError: It is negative or not finite, or of another shape.
+    """
     array = numbers(value, name)
     if array.shape not in ((), (n,)) or not np.all(np.isfinite(array) & (array >= 0.0)):
         raise InvalidInputError(f"{name} must be a nonnegative number or {n} of them; it is {value!r}")
@@ -243,14 +249,23 @@ def _bound(value: ArrayLike, name: str, n: int) -> Array:
 def _check(law: TrackingLaw) -> None:
     """That the theorem is about this law and mechanism."""
     instance(law, "law", TrackingLaw)
-    mechanism, coordinates = law.model.mechanism, law.model.coordinates
+    mechanism = law.model.mechanism
     feedback_of(law)
     if law.model.actuation is not None:
         raise UnsupportedMechanismError(
             f"{mechanism.name}: the motors sit elsewhere than on the independent joints, so an error of σ changes what "
             "they exert too; load it with independent= set to the motors"
         )
-    if not (coordinates.scalar and coordinates.constant):
+    require_scalar(law.model)
+
+
+def require_scalar(model: ReducedModel) -> None:
+    """That each independent coordinate is a number whose error has a size.
+
+    Raises:
+        UnsupportedMechanismError: One is a ball's, a circle's or another's.
+    """
+    if not (model.coordinates.scalar and model.coordinates.constant):
         raise UnsupportedMechanismError(
-            f"{mechanism.name}: tracking is certified for revolute and prismatic independent joints only"
+            f"{model.mechanism.name}: tracking is certified for revolute and prismatic independent joints only"
         )
