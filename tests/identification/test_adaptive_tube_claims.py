@@ -290,6 +290,9 @@ def test_what_is_asked_of_motors_is_what_they_have(certificate):
         found = certify_adaptive(limited, initial_error=1e-4, initial_sliding=1e-3, cells=CELLS)
         assert found.verdict == verdict
         assert ("joint2" in found.reason) is (verdict == "undecided")
+    joints = tuple(replace(joint, effort=np.inf) for joint in description.joints)
+    strong = law_of(ccpin.load(replace(description, joints=joints)), period=0.02)
+    assert certify_adaptive(strong, cells=CELLS).verdict == "undecided"
 
 
 @pytest.mark.parametrize(

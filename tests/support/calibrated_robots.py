@@ -20,8 +20,8 @@ ENCODER, TRACKER = 1e-5, 5e-5  # rad or m, m
 ORIGIN, TURN = 1e-3, np.radians(0.1)  # how far files are off
 COARSEST = 1e-3
 TOOLS = {"rpdr": ("link3", (0.3048, 0.0, 0.0)), "delta": ("platform", (0.02, 0.01, -0.05))}
-TOOLS |= {"stewart": ("platform", (0.0, 0.0, 0.1)), "planar_3rrr": ("platform", (0.02, 0.01, 0.0))}
-SPANS = {"rpdr": np.radians(25.0), "delta": 0.3, "stewart": 0.05, "planar_3rrr": 0.1}
+TOOLS |= {"stewart": ("platform", (0.0, 0.0, 0.1))}
+SPANS = {"rpdr": np.radians(25.0), "delta": 0.3, "stewart": 0.05}
 
 
 def moved(description, told):
