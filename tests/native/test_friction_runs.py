@@ -1,12 +1,8 @@
 """Runs with dry friction in the compiled core: the reference's, closed forms', and what Coulomb's law says."""
 
-import signal
-from contextlib import contextmanager
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.optimize import linprog
 
 import ccpin
 from ccpin.control import PDSimpleGravity
@@ -22,7 +18,9 @@ from ccpin.simulation.integration.run import Run
 from ccpin.simulation.plant.friction import joint_friction
 from ccpin.simulation.plant.stick_slip import StickSlip, friction_force
 from tests.support.agreement import reference_model
+from tests.support.alarms import alarm
 from tests.support.carriage import carriage
+from tests.support.held_loads import share_of_levels
 
 pytestmark = pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is not in use")
 
@@ -189,14 +187,7 @@ def test_holding_is_feasibility(rpdr_model, seed):
     state = rpdr_model.at(np.radians([rng.uniform(-130, -95), rng.uniform(-140, -105)]))
     rubbing = joint_friction(rpdr_model, EVERY)
     rho, level, load = state.rho[rubbing.index], rubbing.coulomb, rng.normal(size=2) * 0.06
-    share = linprog(
-        [0, 0, 0, 0, 1],
-        A_ub=np.block([[np.eye(4), -level[:, None]], [-np.eye(4), -level[:, None]]]),
-        b_ub=np.zeros(8),
-        A_eq=np.column_stack([rho.T, np.zeros(2)]),
-        b_eq=load,
-        bounds=[(None, None)] * 5,
-    ).fun
+    share = share_of_levels(rho, level, load)
     answer = ask(rpdr_model, state, {"friction": numbers_of(rpdr_model)}, rpdr_model.gravity(state.q) - load)
     assert abs(share - 1) > 1e-6
     assert answer[0] == 2
@@ -341,18 +332,6 @@ def test_coordinates_are_left_with_friction():
     power = (motion.friction * motion.v_free).sum(axis=1)
     assert (power <= 1e-9).all()
     assert energy[0] - energy[1] == pytest.approx(-np.trapezoid(power, motion.t), rel=1e-3)
-
-
-@contextmanager
-def alarm(seconds):
-    """Ctrl-C after so long."""
-    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
 
 
 @pytest.mark.parametrize("kind", ["free", "path"])

@@ -105,12 +105,10 @@ ROOMS = (
     Room(
         "identification/adaptive/adaptive_certificate",
         (
-            *(f"AdaptiveCertificate.{name}" for name in ("verdict", "_known", "_beyond", "replay", "_found", "times")),
-            *(f"AdaptiveCertificate.{name}" for name in ("errors", "sliding", "error", "ultimate", "efforts")),
+            *(f"AdaptiveCertificate.{name}" for name in ("verdict", "_known", "_beyond", "sliding", "efforts")),
             *("AdaptiveCertificate.mean_square", "certify_adaptive", "equations_of", "_motors_of", "_check"),
         ),
         _ADAPTIVE,
-        (('"bound", len(self._tube.cells.kicks), 2 * n)[:, :n]', "1 instead of 2", "of ∞ the first n are told"),),
     ),
 )
 

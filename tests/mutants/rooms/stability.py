@@ -201,17 +201,11 @@ ROOMS: tuple[Room, ...] = (
         (
             "TrackingCertificate.verdict",
             "TrackingCertificate._known",
-            "TrackingCertificate.replay",
-            "TrackingCertificate._found",
-            "TrackingCertificate.times",
-            "TrackingCertificate.errors",
             "TrackingCertificate.speeds",
-            "TrackingCertificate.ultimate",
             "TrackingCertificate.decay",
             "TrackingCertificate.gain",
             "TrackingCertificate.unit",
             "TrackingCertificate.start",
-            "TrackingCertificate.error",
             "TrackingCertificate.on_line",
             "_certificate",
             "bound_at_start",
@@ -219,7 +213,18 @@ ROOMS: tuple[Room, ...] = (
             "require_scalar",
         ),
         (*_TRACKING, "control/stability/tracking/test_tube_claims.py::test_a_certificate_says_what_its_fact_does"),
-        (('"bound", len(self._tube.cells.kicks), 2 * n)[:, :n]', "1 instead of 2", "of ∞ the first n are told"),),
+    ),
+    Room(
+        "control/stability/tracking/tube_certificate",
+        tuple(
+            f"TubeCertificate.{name}"
+            for name in ("_known", "replay", "_found", "_bounds", "times", "errors", "error", "ultimate")
+        ),
+        (
+            *_TRACKING,
+            "control/stability/tracking/test_tube_claims.py::test_a_certificate_says_what_its_fact_does",
+            "identification/test_adaptive_tube_claims.py",
+        ),
     ),
     Room(
         "control/stability/tracking/storage",

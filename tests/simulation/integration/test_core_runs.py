@@ -1,8 +1,6 @@
 """Stretches of a motion in the compiled core, from change to change of coordinates."""
 
-import signal
 import threading
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -12,6 +10,7 @@ from ccpin.control import Measurement
 from ccpin.simulation import Budget, Event
 from ccpin.simulation.integration.run import Run
 from tests.support.agreement import reference_model
+from tests.support.alarms import alarm
 from tests.support.passive import STRETCHING, TIGHT, assert_it_goes_on, case, released
 
 in_core = pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is not in use")
@@ -59,18 +58,6 @@ def test_output_changes_nothing_of_a_motion_that_changes_coordinates():
     assert coarse.changes == fine.changes > 0
     np.testing.assert_array_equal(coarse.q_free[-1], fine.q_free[-1])
     assert [event.t for event in coarse.events] == [event.t for event in fine.events]
-
-
-@contextmanager
-def alarm(seconds):
-    """Ctrl-C after so long."""
-    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
 
 
 def test_ctrl_c_after_a_change_keeps_the_motion():

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
 
 import ccpin
 from ccpin.control import Sampling
@@ -12,6 +11,7 @@ from ccpin.simulation.plant.friction import joint_friction
 from ccpin.simulation.plant.stick_slip import friction_force
 from tests.oracles import rpdr as oracle
 from tests.support.carriage import carriage
+from tests.support.held_loads import share_of_levels
 
 POSE = np.radians([-95.0, -105.0])
 HANGING = np.radians([-82.180, -97.823])
@@ -98,15 +98,7 @@ def test_holding_is_feasibility(rpdr_model, seed):
     _, _, gravity, rho, _ = reduced(q_free, NO_MOTION)
     level = np.array([EVERY[name][0] for name in FREE])
     load = rng.normal(size=2) * 0.06
-    # The smallest share s of the levels with ρᵀf = load, |f| ≤ s·level.
-    share = linprog(
-        [0, 0, 0, 0, 1],
-        A_ub=np.block([[np.eye(4), -level[:, None]], [-np.eye(4), -level[:, None]]]),
-        b_ub=np.zeros(8),
-        A_eq=np.column_stack([rho.T, np.zeros(2)]),
-        b_eq=load,
-        bounds=[(None, None)] * 5,
-    ).fun
+    share = share_of_levels(rho, level, load)
     motion = ccpin.simulate(rpdr_model, lambda t, q, v: gravity - load, q, duration=2e-3, friction=EVERY)
     assert abs(share - 1) > 1e-6
     assert (np.abs(motion.v[-1]).max() == 0.0) == (share < 1)

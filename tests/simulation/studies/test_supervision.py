@@ -18,6 +18,7 @@ from ccpin.control.online import OnlineLaw, OnlineSigma
 from ccpin.description import scaled
 from ccpin.errors import InvalidInputError, UnreachableError
 from ccpin.simulation import Budget, Event, Settling, supervise
+from tests.support.alarms import alarm
 from tests.support.backends import same_on_both
 from tests.support.paper import FRICTION, GOAL, K_P, K_V, START
 from tests.support.passive import case
@@ -185,13 +186,8 @@ def test_a_signal_reaches_a_run_in_the_core(rpdr_model):
         (signal.default_int_handler, KeyboardInterrupt, "interrupted"),
         (_alarm, TimeoutError, "failed"),
     ):
-        before = signal.signal(signal.SIGALRM, handler)
-        signal.setitimer(signal.ITIMER_REAL, 0.3)
-        try:
+        with alarm(0.3, handler):
             motion = ccpin.simulate(rpdr_model, law, START, duration=1e5, sample_period=0.1)
-        finally:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
-            signal.signal(signal.SIGALRM, before)
         assert motion.status == status
         assert isinstance(motion.cause, kind)
         assert motion.t[-1] > 0

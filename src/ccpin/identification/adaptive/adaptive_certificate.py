@@ -6,16 +6,17 @@ motors it is about, `AdaptiveSearch` looks for a tube, and `AdaptiveTube` proves
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, whole
-from ccpin.control.stability.tracking.reference_tube import ReferenceTube, cut_along, theta_at_start
+from ccpin.control.stability.tracking.reference_tube import cut_along, theta_at_start
 from ccpin.control.stability.tracking.tracking_equations import ReferencePieces
 from ccpin.control.stability.tracking.tracking_error import bound_at_start, require_scalar
+from ccpin.control.stability.tracking.tube_certificate import TubeCertificate
 from ccpin.domain.closures.system import Reading
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.identification.adaptive.adaptive_equations import AdaptiveEquations, AdaptiveGains
@@ -27,11 +28,11 @@ from ccpin.mechanism.assumptions import without_dry_friction
 from ccpin.proof.equations import closures_of
 from ccpin.proof.facts import Fact, is_fact
 from ccpin.proof.rounding import SLACK
-from ccpin.proof.verdict import Judged, Verdict, not_known_of
+from ccpin.proof.verdict import Verdict, not_known_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AdaptiveCertificate(Judged):
+class AdaptiveCertificate(TubeCertificate):
     """What is proved of an adaptive law along its reference, for all constants of its box at once.
 
     Attributes:
@@ -41,9 +42,6 @@ class AdaptiveCertificate(Judged):
     """
 
     law: AdaptiveTracking
-    told: str
-    proved: Fact | None
-    _tube: ReferenceTube = field(repr=False)
 
     @property
     def verdict(self) -> Verdict:
@@ -75,44 +73,10 @@ class AdaptiveCertificate(Judged):
                 return f"the motor on '{name}' may be asked for {asked:.3g}, of {most:.3g} that it has"
         return ""
 
-    def replay(self) -> AdaptiveCertificate:
-        """The same, its bound proved once more from its data alone; one that was pickled is undecided until then.
-
-        Raises:
-            NotProvedError: It does not hold.
-        """
-        return self if self.proved is None else replace(self, proved=self.proved.replay())
-
-    def _found(self, name: str, *shape: int) -> Array:
-        """A number of the fact; infinite where there is none."""
-        return np.full(shape, np.inf) if self._known is None else np.asarray(self._known.found[name])
-
-    @property
-    def times(self) -> Array:
-        """The cells' ends, s, of shape (K + 1,); the last is infinite."""
-        return np.append(self._tube.cells.times[:-1], np.inf)
-
-    @property
-    def errors(self) -> Array:
-        """A bound of |q − q_d| over each cell, of shape (K, n); infinite where nothing is proved."""
-        n = self.law.model.n
-        return self._found("bound", len(self._tube.cells.kicks), 2 * n)[:, :n]
-
     @property
     def sliding(self) -> Array:
         """A bound of |s|, s = ė + Λe, over each cell, alike."""
-        n = self.law.model.n
-        return self._found("bound", len(self._tube.cells.kicks), 2 * n)[:, n:]
-
-    @property
-    def error(self) -> Array:
-        """A bound of |q − q_d| for all t ≥ 0, of shape (n,); infinite where nothing is proved."""
-        return np.asarray(self.errors.max(axis=0))
-
-    @property
-    def ultimate(self) -> Array:
-        """A bound of |q − q_d| as t → ∞, of shape (n,)."""
-        return self._found("ultimate", self.law.model.n)
+        return self._bounds()[1]
 
     @property
     def efforts(self) -> Array:

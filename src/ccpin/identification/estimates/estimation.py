@@ -1,9 +1,8 @@
 """The constants of a mechanism from logs: weighted least squares of Y π = ρᵀSᵀu, with its covariance.
 
 A log's motion is smoothed first (`smoothing`); each sample with all efforts gives the n rows of
-Y(q, q̇, q̈) π = ρᵀSᵀu (22). What the rows tell apart is β = Vᵀ S π (`felt_combinations`); with Σ the
-efforts' noise, found from the residuals, β̂ = C Wᵀ Σ⁻¹ τ and its covariance is C = (Wᵀ Σ⁻¹ W)⁻¹
-(`robust_fit`). What an encoder's noise
+Y(q, q̇, q̈) π = ρᵀSᵀu (22). What the rows tell apart is β = Vᵀ S π (`felt_combinations`); with Σ the efforts' noise,
+found from the residuals, β̂ = C Wᵀ Σ⁻¹ τ and its covariance is C = (Wᵀ Σ⁻¹ W)⁻¹ (`robust_fit`). What an encoder's noise
 leaves in q̈ is not white, but has next to nothing of the slow changes that motions make: C counts it as if it were.
 (C. Atkeson, C. An and J. Hollerbach, Estimation of inertial parameters of manipulator loads and links, International
 Journal of Robotics Research 5, 1986; M. Gautier, Numerical calculation of the base inertial parameters, 1991.)

@@ -6,7 +6,7 @@ motors it is about, `TubeSearch` looks for a tube, and `TubeKept` proves it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, instance, numbers, positive, whole
 from ccpin.control.stability.tracking.on_line import OnlineDemand, SigmaKept
 from ccpin.control.stability.tracking.reference_tube import ReferenceTube, equations_of, feedback_of, tube_of
+from ccpin.control.stability.tracking.tube_certificate import TubeCertificate
 from ccpin.control.stability.tracking.tube_claim import TubeKept
 from ccpin.control.stability.tracking.tube_levels import Disturbances
 from ccpin.control.stability.tracking.tube_search import TubeSearch
@@ -23,7 +24,7 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.assumptions import limits_left_out, without_dry_friction
 from ccpin.proof.facts import Fact, NotProvedError, is_fact, prove
-from ccpin.proof.verdict import Judged, Verdict, not_known_of
+from ccpin.proof.verdict import Verdict, not_known_of
 
 _LEAST = 1e-9  # ε, the smallest tried
 _MIDDLE = 1e-3  # ε, the one tried first
@@ -32,7 +33,7 @@ _NEAR = 1.1  # of the largest ε proved: one not proved that ends the search
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TrackingCertificate(Judged):
+class TrackingCertificate(TubeCertificate):
     """What is proved of a law that follows its reference with a σ that is off by at most ε.
 
     Attributes:
@@ -46,9 +47,6 @@ class TrackingCertificate(Judged):
     law: TrackingLaw
     sigma_error: float
     disturbance: Array
-    told: str
-    proved: Fact | None
-    _tube: ReferenceTube = field(repr=False)
 
     @property
     def verdict(self) -> Verdict:
@@ -72,39 +70,10 @@ class TrackingCertificate(Judged):
         own = equations_of(self.law, self._tube.path.reading, reference)
         return self.proved if told and own.digest == self.proved.digest else None
 
-    def replay(self) -> TrackingCertificate:
-        """The same, its bound proved once more from its data alone; one that was pickled is undecided until then.
-
-        Raises:
-            NotProvedError: It does not hold.
-        """
-        return self if self.proved is None else replace(self, proved=self.proved.replay())
-
-    def _found(self, name: str, *shape: int) -> Array:
-        """A number of the fact; infinite where there is none."""
-        return np.full(shape, np.inf) if self._known is None else np.asarray(self._known.found[name])
-
-    @property
-    def times(self) -> Array:
-        """The cells' ends, s, of shape (K + 1,); the last is infinite."""
-        return np.append(self._tube.cells.times[:-1], np.inf)
-
-    @property
-    def errors(self) -> Array:
-        """A bound of |e| over each cell, of shape (K, n); infinite where nothing is proved."""
-        n = len(self.disturbance)
-        return self._found("bound", len(self._tube.cells.kicks), 2 * n)[:, :n]
-
     @property
     def speeds(self) -> Array:
         """A bound of |ė|, alike."""
-        n = len(self.disturbance)
-        return self._found("bound", len(self._tube.cells.kicks), 2 * n)[:, n:]
-
-    @property
-    def ultimate(self) -> Array:
-        """A bound of |e| as t → ∞, of shape (n,)."""
-        return self._found("ultimate", len(self.disturbance))
+        return self._bounds()[1]
 
     @property
     def decay(self) -> float:
@@ -130,11 +99,6 @@ class TrackingCertificate(Judged):
     def assumes(self) -> tuple[str, ...]:
         """The limits that the mechanism states and the theorem takes not to be met."""
         return limits_left_out(self.law.model.mechanism)
-
-    @property
-    def error(self) -> Array:
-        """A bound of |e_i(t)| for all t ≥ 0, of shape (n,); infinite where nothing is proved."""
-        return np.asarray(self.errors.max(axis=0))
 
     def on_line(self, period: float) -> OnlineDemand:
         """The Newton steps, or the residual, that keep σ within ε at every sample of a loop of that period.
@@ -224,7 +188,7 @@ def largest_sigma_error(
 def _certificate(law: TrackingLaw, tube: ReferenceTube, given: Disturbances) -> TrackingCertificate:
     found = TubeSearch(tube, given).found()
     reason = found.reason + without_dry_friction(law.model.mechanism)
-    return TrackingCertificate(law, given.sigma_error, given.push, reason, found.proved, tube)
+    return TrackingCertificate(law, reason, found.proved, tube, given.sigma_error, given.push)
 
 
 def _given(law: TrackingLaw, push: ArrayLike, error: ArrayLike, speed: ArrayLike) -> tuple[Array, Array]:

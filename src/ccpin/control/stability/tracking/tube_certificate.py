@@ -1,0 +1,78 @@
+"""What certificates of tracking share: a law along its reference, a fact about a tube of errors, and what that says."""
+
+from __future__ import annotations
+
+import abc
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ccpin.arrays import Array
+from ccpin.control.stability.tracking.reference_tube import ReferenceTube
+from ccpin.proof.facts import Fact
+from ccpin.proof.verdict import Judged
+
+_Own = TypeVar("_Own", bound="TubeCertificate")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TubeCertificate(Judged, abc.ABC):
+    """What is proved of a law along its reference, over cells of time.
+
+    The fact's `bound` (K, 2n) is of |q − q_d| and of a second number of each coordinate over each cell, and `ultimate`
+    (n,) of |q − q_d| in the end.
+
+    Attributes:
+        law: The law.
+        told: What the search came to, in a sentence.
+        proved: The fact, which all numbers are of; ``None`` where none is proved.
+    """
+
+    law: Any
+    told: str
+    proved: Fact | None
+    _tube: ReferenceTube = field(repr=False)
+
+    @property
+    @abc.abstractmethod
+    def _known(self) -> Fact | None:
+        """The fact, if it is one about the law."""
+
+    def replay(self: _Own) -> _Own:
+        """The same, its bound proved once more from its data alone; one that was pickled is undecided until then.
+
+        Raises:
+            NotProvedError: It does not hold.
+        """
+        return self if self.proved is None else replace(self, proved=self.proved.replay())
+
+    def _found(self, name: str, *shape: int) -> Array:
+        """A number of the fact; infinite where there is none."""
+        return np.full(shape, np.inf) if self._known is None else np.asarray(self._known.found[name])
+
+    def _bounds(self) -> tuple[Array, Array]:
+        """Over each cell, of shape (K, n): of |q − q_d|, and of the second numbers."""
+        n = self.law.model.n
+        bound = self._found("bound", len(self._tube.cells.kicks), 2 * n)
+        return bound[:, :n], bound[:, n:]
+
+    @property
+    def times(self) -> Array:
+        """The cells' ends, s, of shape (K + 1,); the last is infinite."""
+        return np.append(self._tube.cells.times[:-1], np.inf)
+
+    @property
+    def errors(self) -> Array:
+        """A bound of |q − q_d| over each cell, of shape (K, n); infinite where nothing is proved."""
+        return self._bounds()[0]
+
+    @property
+    def error(self) -> Array:
+        """A bound of |q_i − q_d,i| for all t ≥ 0, of shape (n,); infinite where nothing is proved."""
+        return np.asarray(self.errors.max(axis=0))
+
+    @property
+    def ultimate(self) -> Array:
+        """A bound of |q − q_d| as t → ∞, of shape (n,)."""
+        return self._found("ultimate", self.law.model.n)
