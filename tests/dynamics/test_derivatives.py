@@ -24,6 +24,7 @@ from ccpin.errors import (
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.rows import Directions
 from tests.oracles.finite_differences import along, assert_close, derivative
+from tests.support.backends import same_on_both
 from tests.support.places import MODELS, SCRIPTS, SHARED
 from tests.support.strategies import mechanisms
 
@@ -456,6 +457,7 @@ def test_free_system_derivatives():
     assert_close(free.gravity_derivative(state.near) @ direction, expected, TOLERANCE)
 
 
+@same_on_both
 def test_lqr_script(capsys):
     """The upright RPDR is unstable alone, stable under the script's regulator, and the simulation ends upright."""
     runpy.run_path(str(SCRIPTS / "lqr_rpdr.py"), run_name="__main__")

@@ -157,9 +157,10 @@ def test_only_the_kernel_makes_facts():
     """
     makers, registered = {"_minted", "provable", "known", "_KINDS", "_EQUATIONS"}, set()
     for path in SOURCE.rglob("*.py"):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        inside = path.is_relative_to(SOURCE / "proof")
-        for node in ast.walk(tree):
+        text, inside = path.read_text(encoding="utf-8"), path.is_relative_to(SOURCE / "proof")
+        if "Fact" not in text and not ("ccpin.proof" in text and any(word in text for word in makers)):
+            continue
+        for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("ccpin.proof") and not inside:
                 named = makers & {alias.name for alias in node.names}
                 where = path.relative_to(SOURCE).as_posix()

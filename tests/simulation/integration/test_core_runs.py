@@ -11,6 +11,7 @@ from ccpin.simulation import Budget, Event
 from ccpin.simulation.integration.run import Run
 from tests.support.agreement import reference_model
 from tests.support.alarms import alarm
+from tests.support.backends import same_on_both
 from tests.support.passive import STRETCHING, TIGHT, assert_it_goes_on, case, released
 
 in_core = pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is not in use")
@@ -92,6 +93,7 @@ def test_ctrl_c_ends_an_advance_where_the_motion_is_certain():
     assert moving.advance(moving.t + 0.01).closure_error <= 1e-10
 
 
+@same_on_both
 @pytest.mark.parametrize("budget", [Budget(evaluations=500), Budget(seconds=1e-3)])
 def test_a_budget_ends_a_motion_after_a_change(budget):
     """It is the whole run's and not a stretch's; what comes after is the rest of the same motion."""

@@ -30,6 +30,7 @@ def simulator(law=None, **options):
     return found
 
 
+@same_on_both
 def test_a_stewart_platform_from_rest_goes_on():
     """Two seconds through the lock: closed in its own φ to 1e-10, energy kept, and q is that of the one on balls."""
     model, run = stewart(), released(stewart(), 2.0)
@@ -59,6 +60,7 @@ def test_the_triples_columns_are_its_angles():
     assert np.abs(np.diff(run.q_free, axis=0))[away[1:]].max() < 0.05  # no leap from one triple of angles to another
 
 
+@same_on_both
 def test_sampling_changes_nothing():
     """Coarse samples are among the fine ones (NumPy's Newton begins at the last sample), the triple's columns too."""
     fine, coarse = released(stewart(), sample_period=1e-3), released(stewart(), sample_period=0.02)
@@ -79,6 +81,7 @@ def test_both_backends_go_on_alike():
 test_both_backends_go_on_alike = same_on_both(test_both_backends_go_on_alike)
 
 
+@same_on_both
 def test_steps_with_u_held_go_on():
     """`step` in the core, where the run is on balls: the sample, the State and q̇ are the platform's own."""
     run, steps = released(stewart()), simulator()
@@ -126,6 +129,7 @@ def test_a_memory_is_not_taken_where_something_acts_between():
         other.recall(moving.memory())
 
 
+@same_on_both
 def test_a_torque_function_goes_on_and_its_work_is_the_energy():
     """Motors on the legs: T + V grows by ∫ uᵀq̇ dt, and the function reads q and q̇ of the legs."""
     seen = []
@@ -142,6 +146,7 @@ def test_a_torque_function_goes_on_and_its_work_is_the_energy():
     assert total[-1] - total[0] == pytest.approx(work, rel=1e-6)
 
 
+@same_on_both
 def test_a_sampled_function_goes_on():
     """A digital controller reads the legs' q."""
     seen = []
@@ -182,9 +187,8 @@ INBETWEEN = {
 }
 
 
-@pytest.mark.parametrize(
-    "options", [INBETWEEN["friction"], pytest.param(INBETWEEN["wrench"], marks=same_on_both)], ids=INBETWEEN
-)
+@same_on_both  # NumPy's lock ends a motion in `test_joints_that_move_no_mass_end_a_passive_motion`
+@pytest.mark.parametrize("options", INBETWEEN.values(), ids=INBETWEEN)
 def test_a_triple_on_which_something_acts_is_no_ball(options):
     """What acts on one of the three turns about its axis: the lock ends that motion, and says so."""
     run = released(stewart(), **options)

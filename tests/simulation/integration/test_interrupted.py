@@ -13,6 +13,7 @@ from ccpin import Simulator, control
 from ccpin.cli import main, simulate
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Budget
+from tests.support.backends import same_on_both
 
 START, GOAL = np.radians((-118.0, -62.0)), np.radians((-108.0, -72.0))
 
@@ -67,6 +68,7 @@ def test_a_motion_that_would_fill_the_memory_is_refused(rpdr_model):
     assert few.status == "exhausted"
 
 
+@same_on_both
 def test_cycles_on_the_command_line_keep_what_was_computed(monkeypatch, capsys):
     """Ctrl-C in the middle: the moves made are told, and the exit code is that of an interrupt."""
     begun, law = [], simulate.law_of

@@ -94,7 +94,9 @@ def test_a_law_computes_with_its_own_model(name):
         compare(name, seed)
 
 
-@pytest.mark.parametrize("name", ["PDFullGravity", "ComputedTorque", "PDPlus"])
+@pytest.mark.parametrize(
+    "name", ["ComputedTorque", *(pytest.param(name, marks=same_on_both) for name in ("PDFullGravity", "PDPlus"))]
+)
 @pytest.mark.parametrize("counts", [None, pytest.param(4000, marks=same_on_both)])
 def test_so_it_does_as_a_sampled_loop(name, counts):
     """With and without encoders."""

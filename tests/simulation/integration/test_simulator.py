@@ -79,6 +79,7 @@ def test_a_pulse_is_not_stepped_over(rpdr_model, sample_period, times, method):
     assert np.abs(motion.q[-1] - after_the_pulse()).max() < 1e-6
 
 
+@same_on_both
 def test_a_push_is_not_stepped_over(rpdr_model):
     """So it is with a wrench on a link that is a function of time."""
 
@@ -96,6 +97,7 @@ def test_a_push_is_not_stepped_over(rpdr_model):
     assert np.abs(motions[0].q[-1] - POSE).max() > 1e-4
 
 
+@same_on_both
 def test_friction_lets_go_whenever_it_is_sampled(rpdr_model):
     """A load above the breakaway level for 50 ms moves the robot by the same amount for every sample period."""
 

@@ -9,6 +9,7 @@ from ccpin import Trajectory
 from ccpin.control.control_law import NoTorque
 from ccpin.errors import CcpinError, InvalidInputError, UnreachableError
 from ccpin.simulation import Settling, supervise
+from tests.support.backends import same_on_both
 from tests.support.paper import GOAL, K_P, K_V, START
 
 HANGING = np.radians([-82.180, -97.823])
@@ -240,6 +241,7 @@ def test_bad_arguments_are_named(model, change, error, words):
         ccpin.simulate(model, controller, q0, **arguments)
 
 
+@same_on_both
 def test_supervised_cycles(model):
     """Back and forth with waits: each move settles, waits 2.5 s after settling, and begins where the last ended."""
     motion = supervise(

@@ -13,6 +13,7 @@ from ccpin.kinematics.points import body_motion
 from ccpin.simulation import closure_forces, joint_forces
 from ccpin.simulation.plant.friction import joint_friction
 from ccpin.simulation.results.forces import closure_forces_at
+from tests.support.backends import same_on_both
 
 STATED = {"crank": {"damping": 0.002}, "rocker": {"stiffness": 0.8, "spring_reference": 0.5}}
 
@@ -36,7 +37,7 @@ def test_energy_is_kept_by_springs():
     assert np.ptp(without) > 1e-3
 
 
-@pytest.mark.parametrize("law", [PDSimpleGravity, PDFullGravity])
+@pytest.mark.parametrize("law", [PDSimpleGravity, pytest.param(PDFullGravity, marks=same_on_both)])
 def test_set_point_laws_hold_springs(law):
     """PD with gravity compensation reaches its goal exactly with springs and a gear: g is the whole potential's."""
     model = ccpin.ReducedModel(ccpin.load("four_bar", joints=STATED, motors={"crank": {"gear": -20}}))
@@ -59,6 +60,7 @@ def test_friction_of_the_file_is_the_default():
     assert (given.names, given.coulomb.tolist(), given.viscous.tolist()) == (("crank",), [5.0], [0.0])
 
 
+@same_on_both
 def test_a_constant_wrench_is_a_potential():
     """Under a constant force on a link T + V − F·x is constant, as is the power of a function of time."""
     model, force = model_of(), np.array([0.6, 0.0, -0.2])
@@ -101,6 +103,7 @@ def test_a_law_with_u_of_the_wrong_size_is_told(sampling):
     assert run.u.shape[1] == 1
 
 
+@same_on_both
 def test_theorem_3_holds_with_springs_and_gears():
     """A rigorous level for g = ∂V/∂q of gravity and springs; from within 𝒱 falls at the rate −q̇ᵀ(K_v + damping)q̇."""
     model = ccpin.ReducedModel(ccpin.load("four_bar", joints=STATED, motors={"crank": {"gear": -20}}))

@@ -10,6 +10,7 @@ from scipy.integrate import quad
 import ccpin
 from ccpin.simulation import Contact
 from tests.oracles import descriptor
+from tests.support.backends import same_on_both
 from tests.support.carriage import carriage
 
 G = 9.81
@@ -21,6 +22,7 @@ def assert_vanishing(errors, bound):
     assert errors[-1] < bound
 
 
+@same_on_both
 def test_a_ball_bounces_for_ever():
     """A mass on a lossless floor: it meets it every 2v/g + (π + 2 atan(g/(vω)))/ω, ω² = k/m, and rises as high."""
     height, k = 0.2, 1e4

@@ -10,6 +10,7 @@ from ccpin.kinematics.coordinates import component_names
 from ccpin.simulation.plant.friction import joint_friction
 from ccpin.simulation.plant.stick_slip import friction_force
 from tests.oracles import rpdr as oracle
+from tests.support.backends import same_on_both
 from tests.support.carriage import carriage
 from tests.support.held_loads import share_of_levels
 
@@ -233,6 +234,7 @@ def test_a_joint_that_turns_back_is_carried_through(rubbing):
     assert energy[0] - energy[-1] == pytest.approx(-np.trapezoid(power, motion.t), rel=1e-4)
 
 
+@same_on_both
 def test_loose_tolerances_keep_joints_at_rest(rpdr_model, swing):
     """A dependent joint at rest collects the integrator's error and is still at rest: same motion, to the tolerance."""
     start = HANGING + np.radians([25.0, 10.0])

@@ -16,6 +16,7 @@ from ccpin.control import Reference, Sampling
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.simulation import Event, Push
 from ccpin.simulation.plant.disturbances import Disturbance
+from tests.support.backends import same_on_both
 
 LAWS = int(os.environ.get("CCPIN_LAWS", "1000"))
 START, GOAL = np.radians((-118.0, -62.0)), np.radians((-108.0, -72.0))
@@ -113,6 +114,7 @@ def wanted(rpdr_model):
     return run
 
 
+@same_on_both
 def test_odd_laws_are_right_or_refused(rpdr_model, wanted):
     """A few of them."""
     assert len({check(rpdr_model, seed, wanted) for seed in range(60)}) == 9

@@ -11,6 +11,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.simulation import Contact, Disturbance, Limits, MotorModel, Push
 from ccpin.simulation.integration.run import Run
 from tests.support.agreement import reference_model
+from tests.support.backends import same_on_both
 from tests.support.carriage import carriage
 
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
@@ -84,6 +85,7 @@ def test_the_motion_may_end_at_a_limit():
     assert (beyond.status, beyond.t[-1]) == ("event", 0.0)
 
 
+@same_on_both
 def test_sampling_does_not_change_when_a_stop_is_met():
     """Events and the end are the same with another sample period."""
     runs = [
@@ -139,6 +141,7 @@ def test_contacts_carry_what_closures_feel():
 # Efforts and speeds.
 
 
+@same_on_both
 def test_motors_saturate_by_default():
     """Stewart's platform asked for ten times what its legs can give moves as under the law cut off by hand."""
     model = ccpin.ReducedModel(ccpin.load("stewart"))

@@ -8,10 +8,12 @@ from ccpin import control
 from ccpin.control import PDSimpleGravity
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Limits, closure_forces, demands, exceeded, joint_forces
+from tests.support.backends import same_on_both
 from tests.support.carriage import carriage
 from tests.support.paper import GOAL, K_P, K_V
 
 
+@same_on_both
 def test_demands_of_a_swing():
     """u = sin 2πt on 1 kg from rest: rate (1 − cos 2πt)/2π, no net work in a period, RMS √½."""
     motion = ccpin.simulate(carriage(), lambda t, q, v: [np.sin(2 * np.pi * t)], [0.0], duration=1.0)
@@ -25,6 +27,7 @@ def test_demands_of_a_swing():
     assert found.braking_work[0] == pytest.approx(-0.5 / np.pi**2, rel=1e-4)
 
 
+@same_on_both
 def test_demands_of_a_reference_are_those_of_its_tracking():
     """The message's own call, from 0 to 1 m in 2 s with 1 kg: |u| ≤ 10/(√3 T²), speed ≤ 15/8T, drive work ½v²."""
     model = ccpin.ReducedModel(carriage())
