@@ -37,7 +37,7 @@ def measured(part):
     return list(import_module(f"benchmarks.parts.{part}").measure(SMALLEST))
 
 
-LONG = ("simulated", "memory")
+LONG = ("enclosures", "simulated", "memory")
 
 
 @pytest.mark.parametrize("part", [pytest.param(p, marks=pytest.mark.slow) if p in LONG else p for p in PARTS])

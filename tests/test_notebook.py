@@ -112,6 +112,7 @@ def test_an_embedded_scene_draws_in_a_browser(tmp_path, motion):
         assert page.evaluate(drawn) is True
 
 
+@pytest.mark.slow
 def test_a_notebook_runs():
     """Executed by Jupyter's own machinery, each cell's value arrives as HTML."""
     nbformat = pytest.importorskip("nbformat")

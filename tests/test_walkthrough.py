@@ -13,6 +13,7 @@ from ccpin.control import PDFullGravity, PDSimpleGravity, certify_set_point
 from ccpin.domain import theorem2
 from ccpin.dynamics import assembly_modes
 from ccpin.visualization import animate
+from tests.support.long_cases import later
 from tests.support.walkthrough import NAMES, file
 
 MODES = {"rssr": 2, "ankle": 4, "gripper": 1, "gas_spring_leg": 2}
@@ -94,7 +95,7 @@ def test_sigma_is_certified(name, backend, monkeypatch):
     np.testing.assert_allclose(path.sigma(1.0), sigma, rtol=0, atol=1e-9)
 
 
-@every_one
+@pytest.mark.parametrize("name", later(*NAMES))
 def test_a_set_point_is_certified(name):
     """Theorem 3 about the reference: a basin of positive size."""
     model = model_of(name)

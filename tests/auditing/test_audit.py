@@ -217,6 +217,7 @@ def test_what_is_no_certificate_is_refused(tmp_path, text):
         verify(tmp_path / "a.json")
 
 
+@pytest.mark.slow
 def test_workers_say_the_same(tmp_path):
     atlas = certify(ccpin.load("four_bar"), (0.7,), max_depth=6)
     atlas.save(tmp_path / "a.npz")

@@ -64,7 +64,7 @@ def test_3rrr(points, tmp_path):
 
 
 @pytest.mark.parametrize("points", SIZES)
-@pytest.mark.parametrize("name", ["delta", "hexa", "planar_3rrr"])
+@pytest.mark.parametrize("name", later("delta", "hexa", "planar_3rrr"))
 def test_no_box_that_holds_a_pose(name, points, tmp_path):
     """Boxes of any size about anything that closes."""
     mechanism, look = looker(name, tmp_path)

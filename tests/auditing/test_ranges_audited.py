@@ -48,6 +48,7 @@ def test_counts_over_less_than_there_is_are_found(made, tmp_path):
     assert not audit.holds
 
 
+@pytest.mark.slow
 def test_curves_of_a_geared_five_bar_are_audited(tmp_path):
     """The rotor's range is the image of the region; a narrower one is not proved."""
     geared = five_bar_with_rotor(BAR, 1.0)

@@ -8,7 +8,6 @@ from ccpin.control import ComputedTorque, Measurement, OnlineLaw, OnlineSigma, P
 from ccpin.control.online import capped_sigma
 from ccpin.errors import InvalidInputError
 from tests.oracles import rpdr
-from tests.support.backends import same_on_both
 from tests.support.paper import GOAL, K_P, K_V, START
 
 OUT_OF_REACH = np.radians([180.0, 0.0])  # the arms point away from each other
@@ -163,7 +162,7 @@ def test_continuous_simulation_refuses_an_online_law(model, reference):
     assert "use the tracking law itself" in motion.message
 
 
-@pytest.mark.parametrize("name", ["rpdr", pytest.param("delta", marks=same_on_both)])
+@pytest.mark.parametrize("name", ["rpdr", pytest.param("delta", marks=pytest.mark.slow)])
 def test_sampled_tracking(name):
     """At 1 ms the sampled law tracks to a milliradian, about twice as well at half the period, never without σ."""
     model = ccpin.ReducedModel(ccpin.load(name))

@@ -192,6 +192,7 @@ def test_compensation_adds_what_it_says(rpdr_model, law):
         assert by_error.torque(0.0, Measurement(q), np.ones(2)) - plain == pytest.approx(0.1 * np.array(share))
 
 
+@pytest.mark.slow
 @same_on_both
 def test_supervised_cycles_with_the_bench_on(rpdr_model):
     """Back and forth: every move settles within the band friction allows and stays there while waiting."""

@@ -9,7 +9,7 @@ import pytest
 from ccpin.description import read_description
 from ccpin.errors import CcpinError
 
-SMALL, TIMES = 100, 4
+SMALL, TIMES = 40, 4
 AXIS = '<axis xyz="0 0 1"/>'
 JOINT = f'<joint name="%s{{0}}" type="%s"><parent link="l{{0}}"/><child link="l{{1}}"/>{AXIS}%s</joint>'
 TURNS = "<axis><xyz>0 0 1</xyz></axis>"

@@ -15,6 +15,7 @@ import pytest
 
 from tests.support.altering import altered, taken
 from tests.support.described import BARS, INERTIA, MJCF, SDF_TEXTS, TOOLBOX_URDF, TOOLBOX_YAML, UNASSEMBLED
+from tests.support.long_cases import later
 from tests.support.places import MODELS
 
 RICH = BARS.replace(
@@ -132,10 +133,10 @@ def test_what_is_altered_is_told(kind, tmp_path):
     assert not campaign(kind, range(25), tmp_path / kind)[0]
 
 
-@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("every", later(25, 1))
 @pytest.mark.parametrize("kind", sorted(TEXTS))
 def test_any_number_may_be_beyond_measure(kind, every, tmp_path):
-    """Each number of each file, or each fifth, as 1e300 or −1e300: an error of ours or none, and no warning."""
+    """Each number of each file, or each twenty-fifth, as 1e300 or −1e300: an error of ours or none, and no warning."""
     (tmp_path / "robot.yaml").write_text(TOOLBOX_YAML)
     for name, text in TEXTS[kind].items():
         file = tmp_path / f"{name}{SUFFIX[kind]}"

@@ -88,6 +88,7 @@ def test_a_door_that_stands_elsewhere_is_not_alike():
     assert not likeness.alike(poses[0], poses[2])
 
 
+@pytest.mark.slow
 def test_the_stewart_platform_has_few_poses():
     """Its legs' universal joints flip in 2⁶ ways, and none of that counts: at most 40 poses, and not alike pairwise."""
     stewart = ccpin.ReducedModel(ccpin.load("stewart"))

@@ -67,6 +67,7 @@ def test_combinations_of_others_are_without_effect(name):
     assert_without_effect(ccpin.ReducedModel(ccpin.load(name)), np.random.default_rng(2))
 
 
+@pytest.mark.slow
 @settings(max_examples=4, phases=[Phase.generate])
 @given(mechanisms(), st.integers(0, 2**32 - 1))
 def test_combinations_of_random_mechanisms_are_without_effect(drawn, seed):

@@ -8,6 +8,7 @@ from ccpin import native
 from ccpin.errors import CcpinError
 from tests.oracles import delta, four_bar, hexa, planar_3rrr, rpdr, slider_crank, stewart
 from tests.oracles.geometry import wrap
+from tests.support.long_cases import later
 from tests.support.paper import to_free, to_paper
 
 BATCH = 50
@@ -156,7 +157,7 @@ def beside_the_end(model, rng, q, near, count):
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize("name", later(*OTHERS))
 def test_the_way_back_ends_at_the_start(name, size):
     """A line lifted to a branch and back ends where it began, which it would not after a jump; a third end at folds."""
     model, oracle = ccpin.ReducedModel(ccpin.load(name)), OTHERS[name]

@@ -62,6 +62,7 @@ def test_reports_of_the_zoo(name, words, tmp_path, request):
     assert re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', outside) == []
 
 
+@pytest.mark.slow
 def test_an_atlas_shares_sum_to_the_whole(five_bar):
     """What the page says of each kind of cell, singular ones included."""
     page, _ = five_bar

@@ -2,9 +2,12 @@
 
 import json
 
+import pytest
+
 from tests.support.loading import script
 
 
+@pytest.mark.slow
 def test_the_endurance_study(tmp_path, capsys, monkeypatch):
     """Moves stream to disk, stay closed and repeat; a second call goes on behind the last, with nothing left to do."""
     study = script("endurance")

@@ -40,6 +40,7 @@ def test_the_bench_from_the_command_line(capsys):
     assert np.radians(0.05) < np.max(move["steady_state_error"]) < 0.2 / 11 * 1.5
 
 
+@pytest.mark.slow
 def test_cycles_with_the_bench(capsys):
     """The supervisor takes --band-deg for settled, as friction leaves an error."""
     assert (

@@ -13,6 +13,7 @@ def _is_picture(path):
     return path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
+@pytest.mark.slow
 def test_point_to_point(tmp_path, capsys):
     """Figs. 8 and 9, data, metrics and animation."""
     script("point_to_point").main(tmp_path)

@@ -138,8 +138,9 @@ def test_ports(rpdr, opened, tmp_path):
         studio(7, open_browser=False)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
-@pytest.mark.parametrize("command", ["studio", pytest.param("view", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("command", ["studio", "view"])
 def test_in_the_background_it_ends_as_it_says(command, tmp_path):
     """A shell starts it with SIGINT ignored, as scripts do by `&`; the interrupt that it names ends it."""
     words = [sys.executable, "-m", "ccpin", command, "rpdr", "--no-browser"]

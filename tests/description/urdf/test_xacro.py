@@ -12,6 +12,7 @@ from ccpin.cli import main
 from ccpin.description import read_description
 from ccpin.errors import DescriptionError
 from tests.support.damage import TEXT_XML_DAMAGE, complaints
+from tests.support.long_cases import later
 from tests.support.reading import read_urdf
 from tests.support.sdf_files import COUPLER, four_bar_urdf
 
@@ -96,7 +97,8 @@ class TestExpanded:
         with pytest.raises(DescriptionError, match=r"bars\.urdf\.xacro: xacro: cannot expand the file"):
             read_description(file)
 
-    def test_a_damaged_file_loads_or_is_refused_by_name(self, tmp_path, capfd):
+    @pytest.mark.parametrize("seeds", later(range(50), range(50, 1000)), ids=len)
+    def test_a_damaged_file_loads_or_is_refused_by_name(self, seeds, tmp_path, capfd):
         """Macros, conditions and properties, damaged."""
         text = XACRO.replace(
             '<xacro:include filename="parts/lengths.xacro"/>',
@@ -105,5 +107,5 @@ class TestExpanded:
             '<joint name="mount" type="fixed"><parent link="ground"/><child link="tip"/></joint>'
             '<xacro:if value="${length &lt; 0}"><link name="never"/></xacro:if>',
         )
-        assert not complaints({"x": text}, range(200), tmp_path, TEXT_XML_DAMAGE, ".xacro")
+        assert not complaints({"x": text}, seeds, tmp_path, TEXT_XML_DAMAGE, ".xacro")
         assert capfd.readouterr() == ("", "")

@@ -15,6 +15,7 @@ from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism.loading.reference_search import stated_pose
 from tests.support import families
 from tests.support.backends import same_on_both
+from tests.support.long_cases import later
 from tests.support.strategies import mechanisms
 
 pytestmark = same_on_both
@@ -57,7 +58,7 @@ def test_every_four_bar_is_at_its_closed_form(family):
     assert mechanism.mobility == (120, 80, 80, 40, (), ())
 
 
-@every_family
+@pytest.mark.parametrize("family", later(families.serial, families.parallel))
 def test_no_scratch_memory_of_the_whole_tree(family, monkeypatch):
     """Pinocchio's Data of 400 joints takes 3.5 GB; a load asks for that of single clusters only."""
     sizes = []
@@ -67,7 +68,7 @@ def test_no_scratch_memory_of_the_whole_tree(family, monkeypatch):
     assert max(sizes) == 3
 
 
-@every_family
+@pytest.mark.parametrize("family", later(families.parallel, families.serial))
 def test_the_cost_grows_in_proportion(family):
     """Four times the loops make at most 4^1.1 times the calls."""
 

@@ -13,6 +13,7 @@ from tests.oracles import descriptor
 from tests.support import linkages
 from tests.support.agreement import reference_model
 from tests.support.backends import same_on_both
+from tests.support.long_cases import later
 from tests.support.passive import CASES, STRETCHING, TIGHT, assert_it_goes_on, case, released
 from tests.support.places import SHARED
 
@@ -96,7 +97,7 @@ def test_the_motion_is_that_of_the_descriptor_form_at_one_second(name):
     assert max(far, faster) < 1e-6
 
 
-@pytest.mark.parametrize("name", ["five-bar", "RSSR", "Stewart"])
+@pytest.mark.parametrize("name", later("RSSR", "five-bar", "Stewart"))
 def test_both_backends_follow_alike(name):
     """The core's run, piece by piece, is that of NumPy: as many changes and the same samples to the tolerance."""
     if ccpin.backend().name != "native":

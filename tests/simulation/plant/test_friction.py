@@ -234,6 +234,7 @@ def test_a_joint_that_turns_back_is_carried_through(rubbing):
     assert energy[0] - energy[-1] == pytest.approx(-np.trapezoid(power, motion.t), rel=1e-4)
 
 
+@pytest.mark.slow
 @same_on_both
 def test_loose_tolerances_keep_joints_at_rest(rpdr_model, swing):
     """A dependent joint at rest collects the integrator's error and is still at rest: same motion, to the tolerance."""

@@ -20,6 +20,7 @@ from ccpin.errors import InvalidInputError, UnreachableError
 from ccpin.simulation import Budget, Event, Settling, supervise
 from tests.support.alarms import alarm
 from tests.support.backends import same_on_both
+from tests.support.long_cases import later
 from tests.support.paper import FRICTION, GOAL, K_P, K_V, START
 from tests.support.passive import case
 from tests.support.places import ROOT
@@ -75,7 +76,7 @@ def test_a_law_with_a_memory_goes_through_the_wait(rpdr_model):
     assert motion.stop.status == "finished"
 
 
-@pytest.mark.parametrize("bench", [{}, {"friction": FRICTION, "sampling": BENCH}])
+@pytest.mark.parametrize("bench", later({}, {"friction": FRICTION, "sampling": BENCH}))
 def test_when_it_settles_does_not_depend_on_samples(rpdr_model, bench):
     """The band is entered at a time of the motion, not of its output."""
     settled = [

@@ -19,6 +19,7 @@ from ccpin.validated import enclose  # noqa: E402
 from ccpin.validated.arithmetic.series import values  # noqa: E402
 from ccpin.validated.flow.step import start_box  # noqa: E402
 from tests.support.enclosures import FREE, accurately, paper_law  # noqa: E402
+from tests.support.long_cases import later  # noqa: E402
 from tests.support.paper import GOAL, K_V, START  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("precise")
@@ -48,6 +49,7 @@ def test_encloses_what_an_integrator_computes(enclosure, motion):
     assert not enclosure.contains(0.1, motion.q_free[-1] + 1e-8, motion.v[-1], tolerance=1e-9)
 
 
+@pytest.mark.slow
 def test_enclosures_of_other_orders_and_precisions_overlap(rpdr_model, law, enclosure):
     """Both hold the one exact trajectory, so their boxes meet at every time."""
     other = enclose(rpdr_model, law, START, None, 0.05, precision=192, order=22, tolerance=1e-22, pieces=5)
@@ -65,7 +67,7 @@ def test_determinant_bound(enclosure, motion):
     assert enclosure.smallest_determinant == enclosure.determinant.min()
 
 
-@pytest.mark.parametrize("wrong", ["gain", "mass", "branch"])
+@pytest.mark.parametrize("wrong", later("mass", "gain", "branch"))
 def test_a_wrong_model_does_not_contain_the_motion(rpdr, rpdr_model, law, motion, wrong):
     """A gain, a mass wrong by one part in a million, or the other assembly mode: the motion is not enclosed."""
     model, controller, near = rpdr_model, law, None

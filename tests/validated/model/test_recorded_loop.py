@@ -23,13 +23,14 @@ from ccpin.validated.arithmetic.programs import in_balls  # noqa: E402
 from ccpin.validated.arithmetic.series import values  # noqa: E402
 from ccpin.validated.model.closed_loop import recorded_loop  # noqa: E402
 from tests.support.enclosures import balls, numbers  # noqa: E402
+from tests.support.long_cases import later  # noqa: E402
 from tests.support.recorded import MECHANISMS  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("precise")
 
 
 @pytest.mark.parametrize("stated", [{}, {"damping": 0.3, "stiffness": 1.7, "spring_reference": 0.2}])
-@pytest.mark.parametrize("name", ["rpdr", "slider_crank", "planar_3rrr", "delta"])
+@pytest.mark.parametrize("name", ["rpdr", "slider_crank", *later("planar_3rrr", "delta")])
 def test_recorded_dynamics(name, stated):
     """The tape's (ρq̇, q̈) and energies are the reduced model's at random closed states, under every law it knows."""
     last = ccpin.load(name).tree.names[-1]

@@ -15,6 +15,7 @@ from ccpin.control.stability.set_point.theorem3 import certify_law  # noqa: E402
 from ccpin.validated import certify_move, enclose_set  # noqa: E402
 from ccpin.validated.sets.subdivision import Starts  # noqa: E402
 from ccpin.validated.sets.tube_theorem import _fitting  # noqa: E402
+from tests.support.long_cases import later  # noqa: E402
 
 HALF_A_DEGREE = np.radians(0.5)
 QUICK = {"order": 16, "tolerance": 1e-14, "pieces": 4}
@@ -100,7 +101,7 @@ def test_what_is_not_a_motion_from_the_set_is_outside(short, rpdr_model):
     assert not short.contains(0.02, sample.q[-1], sample.v[-1])
 
 
-@pytest.mark.parametrize("name", [pytest.param("four_bar", marks=pytest.mark.slow), "slider_crank"])
+@pytest.mark.parametrize("name", later("slider_crank", "four_bar"))
 def test_stiff_loops_in_lohners_frames(name):
     """A light mechanism under strong damping: rates a hundred times the motion's own, turned to Lohner's frames."""
     model = ccpin.ReducedModel(ccpin.load(name))
@@ -198,6 +199,7 @@ def test_a_growth_too_large_for_its_bound_is_refused():
     assert _fitting(np.array([[np.nan]]), quadratic, 0.1, np.ones(1), room) is None
 
 
+@pytest.mark.slow
 def test_a_set_that_arrives_and_one_that_has_no_time(rpdr_model):
     """From near the set point every start is proven to be in B₂ at once; in no time nothing is said of far ones."""
     law = paper_law(rpdr_model)

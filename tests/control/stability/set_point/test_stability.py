@@ -436,6 +436,7 @@ def test_atlas_as_domain(rpdr_model, atlas):
     assert not certificate.contains(GOAL + np.radians([29.9, 0.0]))
 
 
+@pytest.mark.slow
 def test_atlas_in_space():
     """Delta, a cube of ±10°: the proved level is just below the least U of samples on its faces; β bounds samples."""
     law = _case("delta")[0]

@@ -49,7 +49,7 @@ def attacked(law, proof, signs, seeds):
     return np.max([assert_within(proof, law, motion) for motion in motions], axis=0)
 
 
-@every_law
+@one_law
 def test_no_error_of_sigma_breaks_the_bound(law_class):
     """And a bound of half the size would be broken (computed torque's in each coordinate)."""
     law, proof = law_for(law_class), certificate(law_class, 1e-3)
@@ -112,7 +112,7 @@ def test_a_start_that_is_off(law_class):
     assert np.all(proof.errors[0] >= [2e-3, 1e-3])
 
 
-@every_law
+@pytest.mark.parametrize("law_class", later(PDPlus, ComputedTorque))
 def test_friction_that_the_model_does_not_have(law_class):
     """Coulomb friction of a known level on the motors is a disturbance."""
     law, level = law_for(law_class), np.array([0.05, 0.03])

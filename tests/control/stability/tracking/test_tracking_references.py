@@ -17,6 +17,7 @@ from ccpin.control.stability.tracking.storage import storage_of
 from ccpin.control.stability.tracking.tube_levels import Disturbances, _reached, levels_of
 from ccpin.control.stability.tracking.tube_search import TubeSearch
 from ccpin.errors import InvalidInputError
+from tests.support.long_cases import later
 from tests.support.paper import START
 from tests.support.sigma_attacks import WithWrongSigma, pushing, switching
 from tests.support.tracked import LAWS, RUN, assert_within, errors_of, law_for
@@ -63,7 +64,7 @@ def smooth(begin):
 
 
 @pytest.mark.parametrize("law_class", LAWS)
-@pytest.mark.parametrize("begin", [0.0, 0.15])
+@pytest.mark.parametrize("begin", later(0.15, 0.0))
 def test_a_reference_whose_speed_jumps(law_class, begin):
     """The bound takes in what the jumps do to ė, from a start at rest, and is not far above it."""
     law = law_for(law_class, reference=corner(begin=begin))
@@ -94,7 +95,7 @@ def test_a_start_that_moves_with_the_reference_is_within_the_bound():
     assert_within(proof, law, motion)
 
 
-@pytest.mark.parametrize("law_class", LAWS)
+@pytest.mark.parametrize("law_class", later(*LAWS))
 def test_a_reference_that_begins_late(law_class):
     """The rest before it has a cell, and the bound holds from t = 0 on, against the worst σ."""
     law = law_for(law_class, reference=smooth(0.1))
