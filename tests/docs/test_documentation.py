@@ -29,7 +29,8 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
 
 
 LONG = (
-    {"README.md", "docs/faq.md", "docs/gallery.md", "docs/pictures.md", "docs/tutorial.md"}
+    {"README.md"}
+    | {f"docs/{name}.md" for name in ("cli", "faq", "gallery", "pictures", "transmission", "tutorial")}
     | {f"docs/notebooks/{name}.md" for name in ("delta", "paper", "tuning")}
     | {
         f"docs/howto/{name}.md"
@@ -38,11 +39,14 @@ LONG = (
             "assembly_modes",
             "cad_to_policy",
             "cluster",
+            "firmware",
             "gains",
             "impedance",
+            "mpc",
             "rl",
             "ros2_control",
             "robot_log",
+            "serial_limits",
             "tracking",
             "workspace",
         )

@@ -296,7 +296,7 @@ def step_rows(law, program, count, rng, spread):
     return np.array(rows), efforts, estimates
 
 
-@pytest.mark.parametrize("name", HALF)
+@pytest.mark.parametrize("name", later(*HALF))
 @pytest.mark.parametrize("count", later(100, 10_000))
 def test_c_does_what_the_law_does(name, count, tmp_path):
     """u and π̂_{k+1} to 1e-12 at random closed states, of a law that learns everything; some estimates meet bounds."""

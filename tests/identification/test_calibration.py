@@ -15,6 +15,7 @@ from ccpin.identification.calibration.geometry_numbers import named_numbers, num
 from ccpin.kinematics.points import LinkPoint
 from tests.oracles.finite_differences import derivative
 from tests.support.calibrated_robots import INSIDE, Robot, deviations, moved, tool, tool_errors
+from tests.support.long_cases import later
 
 C = 0.3048
 ARMS = "origin:joint3/x", "origin:joint4/x", "origin:end_effector/A/x", "origin:end_effector/B/x"
@@ -54,7 +55,7 @@ def drawn(robot, count, seed=0):
     return np.random.default_rng(seed).uniform(*robot.box, (count, robot.stated.n))
 
 
-@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize("name", later(*NUMBERS))
 def test_slopes_of_what_is_seen(robots, name):
     """Along one direction of all numbers and coordinates, against robots that are loaded anew."""
     robot, rng = robots[name], np.random.default_rng(4)

@@ -13,6 +13,7 @@ from ccpin.programs.lanes import width as widest
 from ccpin.programs.same_bits import c_answers
 from ccpin.programs.sine_cosine import PRECISIONS
 from tests.support.exported import compiler, exported
+from tests.support.long_cases import later
 from tests.support.places import ROOT
 
 ROWS = 10_000
@@ -25,7 +26,10 @@ WIDTHS = {
 FORMATS = pytest.mark.parametrize("format", ["double", "float"])
 
 
-@pytest.fixture(scope="module", params=MECHANISMS, ids=["rpdr", "ankle"])
+of_each = pytest.mark.parametrize("asked", later(*MECHANISMS), ids=["rpdr", "ankle"], indirect=True)
+
+
+@pytest.fixture(scope="module")
 def asked(request):
     """A program that finds σ, and rows of inputs about its closed states, a few hostile ones among them."""
     model = ccpin.ReducedModel(ccpin.load(request.param))
@@ -46,6 +50,7 @@ def same(found, status, wanted):
 
 
 @FORMATS
+@pytest.mark.parametrize("asked", MECHANISMS, ids=["rpdr", "ankle"], indirect=True)
 def test_c_has_numpy_s_bits(asked, format, tmp_path):
     program, rows = asked
     same(*exported(program, tmp_path, format)(rows), c_answers(program, rows, PRECISIONS[format]))
@@ -53,6 +58,7 @@ def test_c_has_numpy_s_bits(asked, format, tmp_path):
 
 @FORMATS
 @pytest.mark.parametrize("name", WIDTHS)
+@of_each
 def test_lanes_have_the_same(asked, name, format, tmp_path, monkeypatch):
     """Of each width that this processor runs."""
     compiler()
@@ -86,6 +92,7 @@ int main(void)
 
 
 @FORMATS
+@of_each
 def test_neon_has_the_same(asked, format, tmp_path):
     """Debian's gcc-aarch64-linux-gnu and qemu-user run it."""
     for tool in ("aarch64-linux-gnu-gcc", "qemu-aarch64"):

@@ -13,7 +13,6 @@ from ccpin.proof.emptiness import drift, empty_by, ends_over, platform_of
 from ccpin.proof.tips import move
 from tests.oracles import delta as spheres
 from tests.oracles import planar_3rrr as three_legs
-from tests.support.long_cases import later
 
 SIZES = [8_000, pytest.param(100_000, marks=pytest.mark.slow)]
 
@@ -25,7 +24,10 @@ def system_of(name):
 
 
 @pytest.mark.parametrize("points", SIZES)
-@pytest.mark.parametrize(("half", "told"), later((0.02, 0.4), (0.0, 0.8), (0.05, 0.03)))
+@pytest.mark.parametrize(
+    ("half", "told"),
+    [(0.02, 0.4), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((0.0, 0.8), (0.05, 0.03)))],
+)
 def test_no_delta_closes_where_it_says_so(half, told, points):
     """No point of an emptied cell has the platform level; of points where the spheres miss a good share are told."""
     system = system_of("delta")

@@ -116,19 +116,24 @@ def effort_limits(
     return EffortLimits(shape * float((room / (asked @ shape)).min()), held)
 
 
-def speed_limits(transmission: Transmission, found: Reached, rates: Array, speed: ArrayLike | None) -> Array:
-    """Speeds of joints at which no motor is too fast, if |J| ≤ `rates` all over the range; ∞ where none is stated.
+def motor_speeds(transmission: Transmission, speed: ArrayLike | None) -> Array | None:
+    """The motors' largest speeds; ``None`` where neither the caller nor the mechanism states any.
 
     Raises:
         InvalidInputError: A speed that is none.
     """
-    rows = transmission.motor_side.rows
     try:
-        room = stated_speeds(transmission.joint_model, transmission.motors, rows, speed)
+        return stated_speeds(transmission.joint_model, transmission.motors, transmission.motor_side.rows, speed)
     except InvalidInputError:
         if speed is not None:
             raise
-        return np.full(transmission.n, np.inf)
+        return None
+
+
+def speed_limits(found: Reached, rates: Array, room: Array | None) -> Array:
+    """Speeds of joints at which no motor is faster than `room`, if |J| ≤ `rates` all over the range; ∞ without it."""
+    if room is None:
+        return np.full(rates.shape[1], np.inf)
     shape = _middle(found).speed_polytope(speed=room).largest_box()
     return np.asarray(shape * float((room / (rates @ shape)).min()) * _BELOW)
 

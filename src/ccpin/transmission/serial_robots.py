@@ -32,7 +32,7 @@ from ccpin.transmission.serial_parts import (
     with_all_limits,
 )
 from ccpin.transmission.serial_proof import compare_over, errors_of, largest
-from ccpin.transmission.serial_range import effort_limits, reached, speed_limits
+from ccpin.transmission.serial_range import effort_limits, motor_speeds, reached, speed_limits
 from ccpin.transmission.serial_words import in_words, is_proved
 from ccpin.transmission.side_programs import side_program
 from ccpin.transmission.transmission import Transmission
@@ -182,6 +182,7 @@ def serial_robot(
     links = kept_links(transmission)
     cells = whole(max_cells, "max_cells", 0)
     points = _COUNTS.get(n, 3) if count is None else whole(count, "count", 3)
+    fastest = motor_speeds(transmission, speed)
     found = reached(transmission, region, points)
     home = None if at is None else transmission.at(vector(at, "at", n))
     efforts, held = effort_limits(transmission, found, points, effort, cells)
@@ -204,7 +205,7 @@ def serial_robot(
     else:
         errors = serial_errors(serial_alone(transmission, links, joints, added), found.grid, points)
         rates = most(np.array([posture.jacobian for posture in found.grid]), points, n)
-    speeds = speed_limits(transmission, found, rates, speed)
+    speeds = speed_limits(found, rates, fastest)
     limited = {
         name: replace(joint, effort=_least(joint.effort, most_effort), velocity=_least(joint.velocity, most_speed))
         for (name, joint), most_effort, most_speed in zip(joints.items(), efforts, speeds, strict=True)

@@ -4,10 +4,22 @@ from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
-_CLAIMS = ("identification/test_rank_claims.py", "identification/test_more_sensors.py")
+_SENSORS = (
+    "identification/test_more_sensors.py",
+    *(f"identification/test_more_sensors.py::test_what_sensors_see[{name}]" for name in ("arm", "rpdr", "slider")),
+)
+_CLAIMS = (
+    *("identification/test_rank_claims.py", *_SENSORS),
+    "identification/test_rank_claims.py::test_forms_are_read_off_the_regressor[delta]",
+)
 _ADAPTIVE = ("identification/test_adaptive_tube_claims.py",)
 _LEVELS = ("identification/test_sharp_adaptive.py",)
-_STRUCTURE = ("identification/test_vanishing.py", "identification/test_more_sensors.py")
+_STRUCTURE = (
+    *("identification/test_vanishing.py", *_SENSORS),
+    "identification/test_vanishing.py::test_combinations_are_without_effect[planar_3rrr]",
+    "identification/test_vanishing.py::test_combinations_of_others_are_without_effect[delta]",
+    "identification/test_vanishing.py::test_combinations_of_random_mechanisms_are_without_effect",
+)
 
 ROOMS = (
     Room(

@@ -15,7 +15,12 @@ ROOMS = (
             "SpeedsHeld.motor_rows",
             "balance",
         ),
-        ("transmission/test_motor_limits_claim.py", "transmission/test_motor_limits.py"),
+        (
+            "transmission/test_motor_limits_claim.py",
+            "transmission/test_motor_limits.py",
+            "transmission/test_motor_limits.py::test_no_posture_of_the_region_asks_more[100-0.4-64-ankle-box-effort]",
+            "transmission/test_motor_limits.py::test_no_posture_of_the_region_asks_more[100-0.4-64-ankle-ellipsoid-speed]",
+        ),
         (
             ("_LEAST", "without _LEAST", "only what underflows could be below it"),
             ("_ROUNDED", "without _ROUNDED", "room for rounding of P L, which no test of a double sees"),
