@@ -101,6 +101,7 @@ def test_a_live_viewer_is_framed():
         assert f'src="{viewer.url}"' in viewer._repr_html_()
 
 
+@pytest.mark.slow
 def test_an_embedded_scene_draws_in_a_browser(tmp_path, motion):
     """Inside a page such as a notebook's, without errors in the console."""
     notebook = tmp_path / "notebook.html"

@@ -16,6 +16,7 @@ from ccpin.description.finding import installed_models
 from ccpin.description.model import Joint, Link, LoopClosure, MechanismDescription
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism.poses.closure_gaps import gaps
+from tests.support.long_cases import later
 from tests.support.places import MODELS, ROOT, SHARED
 from tests.support.urdf_gaps import pinocchio_gaps
 
@@ -322,7 +323,10 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("name", BROKEN)
+LONG = ("the pin askew", "a weld in place of a pin")  # where loops may close is looked for everywhere
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in BROKEN])
 def test_what_is_broken_is_told(name, tmp_path, capsys):
     """What a person does to a file that was sound: the exit code, and the sentence that says what it was."""
     changes, code, weight, words = BROKEN[name]
@@ -332,7 +336,7 @@ def test_what_is_broken_is_told(name, tmp_path, capsys):
     assert any(words in sentence for sentence in said), facts
 
 
-@pytest.mark.parametrize("name", sorted(installed_models()))
+@pytest.mark.parametrize("name", later("slider_crank", *sorted({*installed_models()} - {"slider_crank"})))
 def test_lengths_in_millimetres_are_told(name, tmp_path, capsys):
     """Beside inertias in kg m²: whether the loops still close or not, the units are doubted."""
     text = in_millimetres((MODELS / f"{name}.urdf").read_text(encoding="utf-8"))

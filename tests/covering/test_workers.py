@@ -39,9 +39,15 @@ def wrong(atlas):
 
 
 @pytest.fixture(scope="module")
-def torus(rpdr):
+def told():
+    """What progress was told while `torus` was made."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def torus(rpdr, told):
     """The five-bar's sheets, roughly."""
-    return certify_sheets(rpdr, TORUS, max_depth=5)
+    return certify_sheets(rpdr, TORUS, max_depth=5, progress=told.append)
 
 
 @pytest.mark.slow
@@ -75,13 +81,11 @@ def test_what_is_loaded_is_what_was_saved(torus, rpdr, tmp_path, suffix):
         SheetAtlas.load(path)
 
 
-def test_progress_is_told(rpdr):
+def test_progress_is_told(torus, told):
     """First of the search, then of boxes; the last share is that of the atlas."""
-    told = []
-    atlas = certify_sheets(rpdr, TORUS, max_depth=5, progress=told.append)
     assert told[0].boxes == 0 < told[0].waiting
-    assert told[-1].boxes == len(atlas.boxes.kappa)
-    assert told[-1].certified == pytest.approx(atlas.certified_fraction)
+    assert told[-1].boxes == len(torus.boxes.kappa)
+    assert told[-1].certified == pytest.approx(torus.certified_fraction)
 
 
 @pytest.mark.parametrize("share", later(0.02, 0.5))
@@ -124,7 +128,8 @@ atlas.save(sys.argv[2])
 """
 
 
-@pytest.mark.parametrize("when", ["len(waves) == 3", pytest.param("progress.boxes > 300", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("when", ["len(waves) == 3", "progress.boxes > 300"])
 def test_ctrl_c_and_kill(rpdr, torus, tmp_path, when):
     """Ctrl-C in the search or among the boxes keeps what is proved; after a kill the chunks are found again."""
     chunks, saved = tmp_path / "chunks", tmp_path / "sheets.npz"

@@ -7,6 +7,7 @@ import ccpin
 from ccpin.errors import InvalidInputError, UnreachableError
 from tests.support.agreement import reference_model
 from tests.support.backends import same_on_both
+from tests.support.long_cases import later
 
 
 @pytest.fixture(scope="module", params=["native or numpy", pytest.param("numpy", marks=same_on_both)])
@@ -70,7 +71,7 @@ def test_rows_without_an_answer(model, place, name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("value", later(np.nan, np.inf, -np.inf))
 def test_rows_that_are_no_numbers(model, place, name, value):
     """Wherever in a row: in q, q̇ or what acts; the row is NaN throughout, and its reason is told."""
     place = [array[:8] for array in place]

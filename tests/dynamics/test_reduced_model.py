@@ -24,7 +24,7 @@ def random_states(rng, count, mode):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_closed_forms_in_each_mode(rpdr, rpdr_model, mode):
-    """D (23), C (24), g (25) from D′ (36), C′ (37), g′ (38) at 1,000 states of each mode."""
+    """D (23), C (24), g (25) from D′ (36), C′ (37), g′ (38) at random states of each mode."""
     for q_paper, v, _ in random_states(np.random.default_rng(50 + mode), COUNT, mode):
         terms = rpdr_model.terms(q_paper[:2], v, to_free(rpdr, q_paper + 1e-4))
         mass, coriolis, gravity = oracle.reduced_terms(q_paper, v)

@@ -14,6 +14,7 @@ from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism.loading.reference_search import stated_pose
 from tests.oracles.finite_differences import along, assert_close, jacobian
 from tests.support.backends import same_on_both
+from tests.support.long_cases import later
 from tests.support.strategies import PLANAR_JOINTS, ROWS, Growth
 
 SPATIAL_JOINTS = ("revolute", "spherical", "prismatic", "continuous", "planar", "floating", "revolute")
@@ -43,7 +44,7 @@ def assert_derivatives(constraints, q_free, v_free):
 
 
 @same_on_both
-@pytest.mark.parametrize("floating_base", [False, True])
+@pytest.mark.parametrize("floating_base", later(True, False))
 @pytest.mark.parametrize("planar", [False, True])
 @every_kind
 def test_derivatives(kind, planar, floating_base):

@@ -25,8 +25,15 @@ def written(mechanism, folder, settings=QUICK):
 
 
 @pytest.fixture(scope="module")
-def five_bar(tmp_path_factory):
+def slider(tmp_path_factory):
     """The page of a move that was asked for, and what `write` says of it."""
+    settings = QUICK._replace(start=np.radians([20.0]), goal=np.radians([40.0]))
+    return written("slider_crank", tmp_path_factory.mktemp("report"), settings)
+
+
+@pytest.fixture(scope="module")
+def five_bar(tmp_path_factory):
+    """The same of two coordinates, finer."""
     start, goal = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
     settings = QUICK._replace(depth=4, start=start, goal=goal, duration=0.5)
     return written("rpdr", tmp_path_factory.mktemp("report"), settings)
@@ -53,7 +60,8 @@ def five_bar(tmp_path_factory):
 )
 def test_reports_of_the_zoo(name, words, tmp_path, request):
     """What each mechanism's page says; no part is missing, and every address is in the file."""
-    page, done = request.getfixturevalue("five_bar") if name == "rpdr" else written(name, tmp_path)
+    kept = {"rpdr": "five_bar", "slider_crank": "slider"}
+    page, done = request.getfixturevalue(kept[name]) if name in kept else written(name, tmp_path)
     assert done.failed == {}
     assert set(done.seconds) == set(PARTS)
     for word in ("What it is", "Where the model holds", "An experiment", "To repeat this page", *words):
@@ -93,12 +101,12 @@ def test_a_page_in_a_browser(tmp_path):
         assert [name for name in names if not name.startswith(("data:", "blob:", "about:"))] == []
 
 
-def test_the_experiment_asked_for(five_bar):
+def test_the_experiment_asked_for(slider):
     """Start, goal and duration are the experiment's, and are printed to repeat it."""
-    page, _ = five_bar
-    assert "−150.00°" in page
-    assert "−100.00°" in page
-    assert "<code>duration</code>: <code>0.5</code>" in page
+    page, _ = slider
+    assert "20.00°" in page
+    assert "40.00°" in page
+    assert "<code>duration</code>: <code>0.3</code>" in page
 
 
 def test_a_goal_that_cannot_be_reached_is_an_error(tmp_path):
@@ -152,14 +160,18 @@ def test_slices_are_the_conditioning_of_psi():
     assert np.isnan(validity.survey(wide, (0, 1), 9)[2]).any()
 
 
-def test_the_command(tmp_path, capsys):
+def test_the_command(tmp_path, capsys, monkeypatch):
     """A file and a line about it; JSON with the seconds of each part; an option that fails names itself."""
     page = tmp_path / "report.html"
+    write, done = report.write, []
+    monkeypatch.setattr(report, "write", lambda *given, **more: done.append(write(*given, **more)) or done[-1])
     assert main(["report", "slider_crank", "-o", str(page), "--depth", "3", "--duration", "0.2"]) == 0
     said = capsys.readouterr()
     assert f"wrote {page}" in said.out
     assert said.err == f"ccpin: writing {page} takes about ten seconds\n"
-    assert main(["report", "slider_crank", "-o", str(page), "--depth", "3", "--duration", "0.2", "--json"]) == 0
+    with monkeypatch.context() as again:
+        again.setattr(report, "write", lambda *_, **__: done[0])
+        assert main(["report", "slider_crank", "-o", str(page), "--depth", "3", "--duration", "0.2", "--json"]) == 0
     said = capsys.readouterr()
     assert set(json.loads(said.out)["seconds"]) == set(PARTS)
     assert said.err == ""

@@ -13,7 +13,7 @@ for _array in (START, GOAL, K_P, K_V, CURVED):
     _array.flags.writeable = False
 
 MODES = (1, -1)  # the signs of the closed forms' roots
-COUNT = 1000  # random configurations a mode
+COUNT = 300  # random configurations a mode
 
 
 def order(mechanism):

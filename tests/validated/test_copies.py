@@ -7,6 +7,7 @@ import pytest
 
 from ccpin import control, validated
 from ccpin.validated.arithmetic.balls import flint
+from tests.support.long_cases import later
 
 COPIES = pytest.mark.parametrize(
     "again", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy], ids=["pickle", "copy"]
@@ -38,7 +39,7 @@ def certificates(rpdr_model):
     return motion, tube, validated.certify_move(rpdr_model, law, q, arrival=0.1)
 
 
-@COPIES
+@pytest.mark.parametrize("again", later(lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy), ids=["pickle", "copy"])
 def test_certificates_of_motions_are_copied(again, certificates):
     """Enclosures, those of sets and certificates of moves; a motion that was pickled is proved once it is replayed."""
     motion, tube, move = certificates

@@ -27,6 +27,7 @@ from tests.oracles import planar_3rrr as planar_oracle
 from tests.oracles import rpdr as oracle
 from tests.oracles.geometry import wrap
 from tests.support.cusped import cusped_mechanism
+from tests.support.long_cases import later
 from tests.support.paper import GOAL, START
 
 CENTRES = ((-108.0, -72.0), (-108.0, -48.0), (-108.0, -120.0), (-70.0, -110.0))
@@ -404,7 +405,7 @@ def test_a_pool_whose_workers_are_killed(rpdr):
     assert len(waves) > 10
 
 
-@pytest.mark.parametrize("pool", [ThreadPoolExecutor, ProcessPoolExecutor])
+@pytest.mark.parametrize("pool", later(ProcessPoolExecutor, ThreadPoolExecutor))
 def test_nobody_else_works_unless_asked(monkeypatch, pool):
     """Long work is done in this thread; two workers are two threads, or processes in NumPy, and give the same atlas."""
     mechanism, region = ccpin.load("delta"), (np.full(3, -0.25), np.full(3, 0.35))
@@ -461,6 +462,7 @@ def test_dask_workers_do_not_change_the_atlas(rpdr):
 PROGRAM = """
 import os, signal, sys, numpy as np, ccpin
 from ccpin.domain import certify
+from tests.support.long_cases import later
 waves = []
 def stop(progress):
     waves.append(progress)

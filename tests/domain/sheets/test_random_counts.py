@@ -16,7 +16,7 @@ from ccpin.errors import CcpinError, UnsupportedMechanismError
 from tests.support import random_linkages, spatial_linkages
 
 FAMILIES = random_linkages.FAMILIES + spatial_linkages.FAMILIES
-_FEW, _POINTS = len(FAMILIES), 2000
+_POINTS = 2000
 _MANY = int(os.environ.get("CCPIN_LINKAGES", "300"))
 _DEPTHS = {1: 9, 2: 5, 3: 3}
 
@@ -40,10 +40,10 @@ def decided(seed, points):
 
 
 def test_no_count_is_false():
-    """One of each family."""
-    found = [decided(seed, _POINTS) for seed in range(_FEW)]
+    """One of every second family."""
+    found = [decided(seed, _POINTS) for seed in range(0, len(FAMILIES), 2)]
     assert not any(wrong for _, _, wrong, _ in found), found
-    assert sum(word == "counted" for word, *_ in found) > 0.6 * _FEW, found
+    assert sum(word == "counted" for word, *_ in found) > 0.6 * len(found), found
     assert np.mean([share for word, _, _, share in found if word == "counted"]) > 0.8, found
 
 

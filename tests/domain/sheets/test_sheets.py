@@ -169,6 +169,7 @@ def test_the_five_bar_has_two_modes_or_none(rpdr):
     assert [sheet.sign for sheet in atlas.sheets] in ([1, -1], [-1, 1])
 
 
+@pytest.mark.slow
 def test_the_five_bar_folds_where_it_is_stretched(rpdr):
     """Its two modes touch at the stretched loop, √(λ² + μ²) = a₃ + a₄."""
     atlas = domain.certify_sheets(rpdr, (np.full(2, -np.pi), np.full(2, np.pi)), max_depth=5)

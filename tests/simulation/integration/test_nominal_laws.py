@@ -21,7 +21,7 @@ PAIRS = int(os.environ.get("CCPIN_PAIRS", "20"))
 START, GOAL = np.radians((-118.0, -62.0)), np.radians((-108.0, -72.0))
 BOTH = ("PDFullGravity", "ComputedTorque")
 TIGHT = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
-SEEDS = (0, 1) if ccpin.backend().name == "native" else (1,)  # the reference takes long
+SEEDS = (1,)  # of other rods too
 
 
 def pair(seed):

@@ -320,9 +320,18 @@ def test_gains_over_a_region_are_sampled(monkeypatch, rpdr_model):
             suggest_gains(rpdr_model, GOAL, (GOAL - 0.2, GOAL + 0.3), **bad)
 
 
-def test_gains_without_a_domain(rpdr_model):
+@pytest.fixture(scope="module")
+def without_a_domain(rpdr_model):
+    """`suggest_gains` without a domain, and what it asked of `cells_around`."""
+    asked, around = [], module.cells_around
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "cells_around", lambda *given: asked.append(given) or around(*given))
+        return suggest_gains(rpdr_model, GOAL), asked
+
+
+def test_gains_without_a_domain(rpdr_model, without_a_domain):
     """β holds, to 5 %, on the cell that is told, and efforts are those from its farthest corner."""
-    found = suggest_gains(rpdr_model, GOAL)
+    found, _ = without_a_domain
     lower, upper = found.proved.claim.over_lower[0], found.proved.claim.over_upper[0]
     half = 0.5 * (upper - lower)
     assert found.verdict == "proven"
@@ -339,19 +348,16 @@ def test_gains_without_a_domain(rpdr_model):
     assert proof.verdict == "proven"
 
 
-def test_the_cell_without_a_domain_is_that_of_a_lattice(monkeypatch, rpdr_model):
+def test_the_cell_without_a_domain_is_that_of_a_lattice(rpdr_model, without_a_domain):
     """`certify_law`'s own helper: more cells may follow, any slope will do, edges as K_p = 1.5 ‖∂g/∂q‖ I has them."""
-    asked, around = [], module.cells_around
-    monkeypatch.setattr(module, "cells_around", lambda *given: asked.append(given) or around(*given))
-    found = suggest_gains(rpdr_model, GOAL)
-    ((law, gain, limits, none),) = asked
+    found, ((law, gain, limits, none),) = without_a_domain
     assert none is None
     slope = np.linalg.norm(rpdr_model.gravity_derivative(GOAL), 2)
     np.testing.assert_allclose(law.K_p, 1.5 * slope * np.eye(2), rtol=1e-12)
     assert (gain, limits.cells > 1) == (np.inf, True)
     np.testing.assert_array_equal(law.q_d, GOAL)
     box = found.proved.claim
-    store = around(law, gain, limits)
+    store = module.cells_around(law, gain, limits)
     np.testing.assert_allclose([box.over_lower[0], box.over_upper[0]], [store[0].lower, store[0].upper])
 
 
