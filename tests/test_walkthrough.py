@@ -105,7 +105,7 @@ def test_a_set_point_is_certified(name):
     assert proof.level > 0.0
 
 
-@every_one
+@pytest.mark.parametrize("name", later(*NAMES))
 def test_the_modes_are_what_a_person_counts(name):
     """Elbow up or down, and no flips or spins of rods."""
     found = assembly_modes(model_of(name), start_and_goal(name)[0])

@@ -13,7 +13,7 @@ import pytest
 from tests.support.browser import FAINT, click, opened, settle
 from tests.support.places import ROOT
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("site")]  # built once
 
 
 class Parsed(HTMLParser):

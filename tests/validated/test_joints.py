@@ -115,7 +115,7 @@ def assert_encloses(model, law, state, v, duration, **options):
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=pytest.mark.slow if name in ("balls of a Stewart platform", "many redundant") else ())
+        pytest.param(name, marks=() if name in ("ball and universal", "floating", "geared") else pytest.mark.slow)
         for name in MECHANISMS
     ],
 )

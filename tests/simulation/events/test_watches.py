@@ -40,8 +40,8 @@ def crossings(motion, direction):
         (1, 0.7, "RK45"),
         pytest.param(0, 1e-3, "DOP853", marks=same_on_both),
         pytest.param(0, 0.7, "DOP853", marks=same_on_both),
-        pytest.param(1, 1e-3, "LSODA", marks=same_on_both),
-        pytest.param(-1, 0.7, "LSODA", marks=same_on_both),
+        pytest.param(1, 1e-3, "LSODA", marks=pytest.mark.slow),
+        pytest.param(-1, 0.7, "LSODA", marks=pytest.mark.slow),
     ],
 )
 def test_zeros_are_where_they_are(rpdr_model, fine, direction, sample_period, method):

@@ -16,6 +16,7 @@ from ccpin.control import Measurement, Sampling
 from ccpin.control.control_law import Delayed, NoTorque
 from ccpin.description import scaled
 from tests.support.backends import same_on_both
+from tests.support.long_cases import later
 
 PAIRS = int(os.environ.get("CCPIN_PAIRS", "20"))
 START, GOAL = np.radians((-118.0, -62.0)), np.radians((-108.0, -72.0))
@@ -97,7 +98,7 @@ def test_a_law_computes_with_its_own_model(name):
 @pytest.mark.parametrize(
     "name", ["ComputedTorque", *(pytest.param(name, marks=same_on_both) for name in ("PDFullGravity", "PDPlus"))]
 )
-@pytest.mark.parametrize("counts", [None, pytest.param(4000, marks=same_on_both)])
+@pytest.mark.parametrize("counts", later(None, 4000))
 def test_so_it_does_as_a_sampled_loop(name, counts):
     """With and without encoders."""
     for seed in SEEDS:
