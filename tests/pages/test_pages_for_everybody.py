@@ -17,7 +17,6 @@ from tests.support.browser import FAINT, click, opened, press, settle
 from tests.support.long_cases import later
 from tests.support.pages import five_bar, five_bar_swing
 
-KINDS = ("a motion", "a report", pytest.param("the paper", marks=pytest.mark.slow), "the studio")
 ONE = later("the studio", "a motion", "a report", "the paper")
 SMALLEST = 24  # pixels across a control, WCAG 2.2, 2.5.8
 CONTRAST = 4.5  # of text on what is behind it, WCAG 2.2, 1.4.3
@@ -79,7 +78,7 @@ PART = "(e => `${e.tagName} ${e.id || e.className || e.textContent}`.trim())"
 ALOUD = {"button", "link", "slider", "textbox", "combobox", "radio", "checkbox", "DisclosureTriangle", "application"}
 
 
-@pytest.mark.parametrize("kind", later("a report", "a motion", "the paper", "the studio"))
+@pytest.mark.parametrize("kind", ONE)
 def test_a_phone_shows_all_of_it(address, kind):
     """At 360 pixels the page does not scroll sideways, nothing is beyond its edge, and a finger hits every control."""
     with opened(address(kind), 360, 740) as page:
@@ -174,6 +173,7 @@ def test_keys_press_what_has_the_focus(address):
         assert page.evaluate("player.playing") != playing
 
 
+@pytest.mark.slow
 def test_arrow_keys_drive_the_map(address):
     """With the map in focus a press moves its coordinate by a hundredth of what the map shows."""
     with opened(address("the studio"), 1280, 800) as page:

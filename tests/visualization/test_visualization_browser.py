@@ -147,7 +147,7 @@ def other_peoples_leg():
 )
 def test_every_view_shows_the_whole_mechanism(mechanism, tmp_path):
     """From all four sides it is inside the picture and takes a sensible share; the four pictures differ."""
-    with opened(visualization.snapshot(mechanism(), None, tmp_path / "s.html").as_uri(), 480, 320) as page:
+    with opened(visualization.snapshot(mechanism(), None, tmp_path / "s.html").as_uri(), 240, 160) as page:
         seen = []
         for name in ("iso", "front", "side", "top"):
             page.evaluate(f"look({name!r}, false)")
@@ -160,6 +160,7 @@ def test_every_view_shows_the_whole_mechanism(mechanism, tmp_path):
 KINDS = "(root => { const all = []; root.traverse(o => o.isMesh && all.push(o.material.type)); return all; })"
 
 
+@pytest.mark.slow
 def test_the_stage(rpdr, tmp_path):
     """Ground at the lowest point, shadows on it, materials that reflect; the tools switch what they name."""
     with opened(visualization.snapshot(rpdr, None, tmp_path / "s.html").as_uri()) as page:
@@ -206,9 +207,9 @@ def test_time_is_the_users(rpdr, run, tmp_path):
     """It plays by itself; keys stop it, step by single frames, change speed, reset; bodies, path, forces follow."""
     motion, forces = run
     name = rpdr.closures[0].name
-    page = visualization.animate(rpdr, motion.t, motion.q_free, tmp_path / "a.html", trace=name, forces=forces, fps=25)
-    frames = 11
-    with opened(page.as_uri(), 600, 400) as page:
+    page = visualization.animate(rpdr, motion.t, motion.q_free, tmp_path / "a.html", trace=name, forces=forces, fps=10)
+    frames = 5
+    with opened(page.as_uri(), 300, 200) as page:
         assert page.evaluate("player.playing && player.loop")
         assert page.evaluate(f"({MOVED})(player.time)")
         press(page, " ")
@@ -218,7 +219,7 @@ def test_time_is_the_users(rpdr, run, tmp_path):
         drawn = []
         for frame in range(frames):
             assert page.evaluate("frameNow()") == pytest.approx(frame, abs=1e-9)
-            assert_bodies_are_at(page, rpdr, motion, frame / 25)
+            assert_bodies_are_at(page, rpdr, motion, frame / 10)
             page.evaluate("viewer.render()")
             drawn.append(page.evaluate("made.trace.geometry.drawRange.count"))
             press(page, "ArrowRight")
@@ -242,12 +243,12 @@ def test_time_is_the_users(rpdr, run, tmp_path):
         press(page, "r")
         settle(page)
         assert page.evaluate("[player.speed, player.playing, view.name]") == [1, True, "iso"]
-        page.command("Emulation.setDeviceMetricsOverride", {"width": 500, "height": 800, **ONE_TO_ONE})
+        page.command("Emulation.setDeviceMetricsOverride", {"width": 250, "height": 400, **ONE_TO_ONE})
         press(page, "f")
         settle(page, 500)
         portrait = undressed(page)
         assert_fills_frame(portrait)
-        assert portrait.shape[:2] == (800, 500)
+        assert portrait.shape[:2] == (400, 250)
 
 
 ONE_TO_ONE = {"deviceScaleFactor": 1, "mobile": False}
@@ -275,6 +276,7 @@ def assert_arrow_is_the_force(page, force):
     assert written == [f"{force.name} {np.linalg.norm(force.force[-1]):#.3g} N"]
 
 
+@pytest.mark.slow
 def test_the_live_viewer_frames_anew(rpdr, swing):
     """The live page draws what it is sent; a pose outside the frame is framed, unless the user has turned the scene."""
     with visualization.view(rpdr, open_browser=False) as viewer, opened(viewer.url) as page:
@@ -302,6 +304,7 @@ def test_the_live_viewer_frames_anew(rpdr, swing):
         assert page.evaluate(position) == pytest.approx(turned, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_pose_drawn_ends_the_motion(rpdr, run):
     """After `Viewer.draw` neither path nor ghosts nor forces of the trajectory are left, and time stands."""
     motion, forces = run
