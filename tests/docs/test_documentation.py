@@ -30,7 +30,10 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
 
 LONG = (
     {"README.md"}
-    | {f"docs/{name}.md" for name in ("cli", "faq", "gallery", "pictures", "transmission", "tutorial")}
+    | {
+        f"docs/{name}.md"
+        for name in ("cli", "faq", "gallery", "identification", "pictures", "transmission", "tutorial")
+    }
     | {f"docs/notebooks/{name}.md" for name in ("delta", "paper", "tuning")}
     | {
         f"docs/howto/{name}.md"
@@ -43,6 +46,7 @@ LONG = (
             "gains",
             "impedance",
             "mpc",
+            "realtime",
             "rl",
             "ros2_control",
             "robot_log",

@@ -275,6 +275,7 @@ def test_bearings(path):
     compare_bearings(model, kernel, rng, random_states(model, rng, 6))
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(mechanisms(), seeds)
 def test_bearings_of_random_mechanisms(drawn, seed):

@@ -76,7 +76,7 @@ def sprung_model():
     return ccpin.ReducedModel(ccpin.load("rpdr", joints={"joint1": SPRUNG["joint1"], last: SPRUNG["passive"]}))
 
 
-@pytest.mark.parametrize("kind", ["free", "simple", "full", "computed torque", "PD+", "gravity"])
+@pytest.mark.parametrize("kind", ["free", *later("full", "simple"), "computed torque", "PD+", "gravity"])
 @pytest.mark.parametrize(
     ("subject", "method"),
     [
@@ -142,9 +142,8 @@ def test_what_the_core_leaves_to_the_reference(rpdr_model):
     still = {"torque": lambda self, t, state, v: np.zeros(2)}
     own = type("Own", (PDFullGravity,), still)(rpdr_model, q0, [50.0, 50.0], [5.0, 5.0])
     assert in_core(rpdr_model, own, q0, 0.1) is None
-    theirs = reference(rpdr_model, None, q0, duration=3.0, sample_period=0.01)
-    if theirs.status != "finished":
-        assert in_core(rpdr_model, NoTorque(rpdr_model), q0, 3.0) is None
+    delta = ccpin.ReducedModel(ccpin.load("delta"))  # falls until its arms are stretched
+    assert in_core(delta, NoTorque(delta), delta.alpha(delta.mechanism.q_reference), 0.6) is None
 
 
 class Backwards(PointToPoint):

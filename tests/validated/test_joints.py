@@ -46,7 +46,10 @@ QUICK = {"order": 14, "tolerance": 1e-14, "pieces": 4}
 pytestmark = pytest.mark.usefixtures("precise")
 
 
-@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name == "balls of a Stewart platform")) for name in MECHANISMS],
+)
 def test_recorded_dynamics(name):
     """The tape's (ẋ, q̈) and energies are the reduced model's at random closed states."""
     model = ccpin.ReducedModel(MECHANISMS[name]())
@@ -317,6 +320,7 @@ def test_sets_of_starts_on_circles(rpdr_model):
         np.testing.assert_allclose(reach, other, rtol=1e-2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [

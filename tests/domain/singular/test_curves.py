@@ -13,6 +13,7 @@ from tests.oracles import planar_3rpr as three_legs
 from tests.oracles import rpdr as paper
 from tests.support.five_bars import in_tree_order, load_five_bar, random_five_bar
 from tests.support.legs import LEG1, WHOLE, load_slice
+from tests.support.long_cases import later
 from tests.support.paper import CURVED as REGION
 
 RPDR = oracle.FiveBar(paper.A1, paper.A2, paper.A3, paper.A4, paper.C)
@@ -146,7 +147,7 @@ def test_a_place_where_curves_cross_is_listed():
     assert missed(found, q_free) == 0
 
 
-@pytest.mark.parametrize("ended", [{"budget": 2000}, {"seconds": 0.4}])
+@pytest.mark.parametrize("ended", later({"seconds": 0.4}, {"budget": 2000}))
 def test_work_that_ends_early_lists_what_waits(rpdr, ended):
     """After a small budget or a short time the verdict is undecided, with the reason; nothing is missed."""
     found = domain.certify_singularities(rpdr, REGION, **ended)

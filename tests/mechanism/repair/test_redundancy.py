@@ -115,6 +115,7 @@ def test_parallel_bars_whose_pivots_lie_in_a_line():
         assert np.abs(mechanism.constraints().residual(closed)).max() < 1e-12
 
 
+@pytest.mark.slow
 @same_on_both
 def test_too_open_to_be_rounded():
     """Bennett's linkage with four decimals stays open by more than the tolerance: told, with the way out."""

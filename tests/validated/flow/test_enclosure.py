@@ -105,6 +105,7 @@ def test_a_motion_into_a_singularity_is_followed_almost_there(rpdr_model):
     assert np.all(stopped.determinant > 0)
 
 
+@pytest.mark.slow
 def test_energy_is_constant_along_undamped_swinging(rpdr_model):
     """Without torque the energy's ball holds the energy of the start at all times."""
     swing = enclose(rpdr_model, None, np.radians([-108.0, -120.0]), [1.0, -1.0], 0.2)

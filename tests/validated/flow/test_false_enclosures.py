@@ -217,6 +217,7 @@ def flung(rpdr_model):
     return found
 
 
+@pytest.mark.slow
 def test_singularities_are_met_by_this_motion(flung, honest):
     """Not by another, nor the claim of it; a fact of another kind is none."""
     assert flung.witness.kind == "singular"

@@ -75,6 +75,7 @@ def test_from_the_papers_start_to_rest(rpdr_model, law):
     assert certificate.contains(at.q_free[[0, 2]], at.v)
 
 
+@pytest.mark.slow
 def test_bad_arrivals(rpdr_model, law, enclosure):
     """A level that is not positive, a certificate of another law and a time not covered are refused."""
     with pytest.raises(InvalidInputError, match="positive"):
