@@ -146,6 +146,7 @@ def test_singular_curves_are_told(tmp_path, capsys):
     assert "--curves takes no --depth" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_workers_and_chunks_give_the_same_curves(tmp_path, capsys):
     """`--curves` with --workers 2 and a folder of chunks: the tubes of this process, bit for bit."""
     request = ["domain", "rpdr", "--curves", "--lower-deg", "100", "35", "--upper-deg", "140", "75", "--json"]

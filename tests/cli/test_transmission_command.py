@@ -31,6 +31,7 @@ def test_it_tells_what_the_closed_form_says(capsys, tmp_path):
         assert (alone <= np.array(told["effort"]["alone"]["most"]) * 1.01).all()
 
 
+@pytest.mark.slow
 def test_a_page_has_the_polygons_of_its_postures(capsys, tmp_path):
     """Corners as the closed form's J maps those of the motors' box; nothing is loaded from elsewhere."""
     out = tmp_path / "ankle.html"

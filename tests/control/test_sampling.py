@@ -62,6 +62,7 @@ def test_it_converges_to_the_continuous_loop_at_first_order(rpdr_model, law):
     assert slope == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow
 @same_on_both
 def test_it_converges_with_friction_too(rpdr_model, law):
     """With stick and slip the error still falls in proportion to the period."""

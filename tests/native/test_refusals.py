@@ -50,7 +50,7 @@ def error_of(call):
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("name", ["rpdr", *later("stewart", "delta", "hexa")])
+@pytest.mark.parametrize("name", later("rpdr", "delta", "stewart", "hexa"))
 def test_what_the_core_refuses_the_reference_refuses_likewise(name, size):
     """At random and beside ends: one kind of error, at one place on the line; and the same answers else.
 

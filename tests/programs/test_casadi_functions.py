@@ -214,6 +214,7 @@ def test_the_expressions_that_acados_takes():
     close(np.array(moved), np.block([[np.zeros((2, 2)), np.eye(2)], [exact.da_dq, exact.da_dv]]), 1e-8)
 
 
+@pytest.mark.slow
 def test_delta_s_jacobian_stays_small():
     """Written out and differentiated by CasADi it has 469,014 nodes."""
     jacobian = programs.as_function(recorded("delta"), "casadi").jacobian()

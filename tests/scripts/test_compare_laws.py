@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from tests.support.loading import script
 
 
@@ -9,6 +11,7 @@ def is_picture(path):
     return path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
+@pytest.mark.slow
 def test_compare_laws(tmp_path, monkeypatch, capsys):
     """Six rows; the exact laws track exactly, no law of the model overshoots, and the model-free one is cheapest."""
     module = script("compare_laws")

@@ -32,6 +32,7 @@ def test_the_hardware_experiment(tmp_path, capsys):
     assert np.all(np.max(metrics["bench"]["peak_torque"]) <= BENCH["sampling"].saturation)
 
 
+@pytest.mark.slow
 def test_the_bench_from_the_command_line(capsys):
     """Every option of the bench reaches the simulation: delayed, limited, and stuck short of the goal."""
     assert main(["simulate", *MOVE, *FRICTION, *SAMPLED, "--saturation", "5", "--delay-samples", "1", "--json"]) == 0

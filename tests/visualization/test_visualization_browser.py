@@ -372,6 +372,7 @@ def test_no_browser_is_told(rpdr, tmp_path, monkeypatch):
     assert not any(thread.name == "ccpin-browser" for thread in threading.enumerate())
 
 
+@pytest.mark.slow
 def test_what_the_page_throws_is_told(rpdr, tmp_path):
     """An exception in the page is a CcpinError with its words; the browser goes on."""
     with opened(visualization.snapshot(rpdr, None, tmp_path / "s.html").as_uri()) as page:

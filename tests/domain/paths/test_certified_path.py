@@ -196,7 +196,8 @@ def test_bad_input(rpdr):
         certify_path(rpdr, np.array([oracle.coincident_elbows(), np.zeros(2)]))
 
 
-@pytest.mark.parametrize("name", ["planar_3rrr", pytest.param("stewart", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["planar_3rrr", "stewart"])
 def test_a_fold_refutes_a_straight_path(name):
     """Paths far beyond the workspace meet a fold: the witness is singular, lies on the path and before its end."""
     mechanism = ccpin.load(name)

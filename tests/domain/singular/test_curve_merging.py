@@ -168,6 +168,7 @@ def test_listed_boxes_of_all_parts_are_listed():
     assert missed(whole, of_five_bar(mechanism, CROSSING, 40_000, 5, region)) == 0
 
 
+@pytest.mark.slow
 def test_an_interrupted_part_leaves_the_whole_undecided(rpdr):
     """With the reason; `continued` decides the rest."""
     left, right = split_region(FOLD, 2)

@@ -12,6 +12,7 @@ from ccpin.simulation.integration.run import Run
 from tests.support.agreement import reference_model
 from tests.support.alarms import alarm
 from tests.support.backends import same_on_both
+from tests.support.long_cases import later
 from tests.support.passive import STRETCHING, TIGHT, assert_it_goes_on, case, released
 
 in_core = pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is not in use")
@@ -37,19 +38,19 @@ def test_a_motion_goes_on_in_the_core(name, monkeypatch):
 
 
 @in_core
-def test_samples_in_changed_coordinates_are_those_of_numpy():
+@pytest.mark.parametrize("name", later("RSSR", "Stewart"))
+def test_samples_in_changed_coordinates_are_those_of_numpy(name):
     """q, q̇, q̈ of motors' joints that are not measured by, at a rod's spin and at plain joints, after a change."""
-    for name in ("RSSR", "Stewart"):
-        model, ours = released(name, 0.5)
-        slow = reference_model(model.mechanism, model.gravity_vector)
-        theirs = ccpin.simulate(slow, None, ours.q[0], case(name)[1], duration=0.5, **TIGHT)
-        assert ours.changes == theirs.changes > 0
-        assert [event.name for event in ours.events] == [event.name for event in theirs.events]
-        np.testing.assert_allclose([e.t for e in ours.events], [e.t for e in theirs.events], rtol=0, atol=2e-2)
-        for field in ("q", "v", "a"):
-            expected = getattr(theirs, field)
-            np.testing.assert_allclose(getattr(ours, field), expected, rtol=0, atol=1e-7 * np.abs(expected).max())
-        np.testing.assert_array_equal(ours.u, theirs.u)
+    model, ours = released(name, 0.5)
+    slow = reference_model(model.mechanism, model.gravity_vector)
+    theirs = ccpin.simulate(slow, None, ours.q[0], case(name)[1], duration=0.5, **TIGHT)
+    assert ours.changes == theirs.changes > 0
+    assert [event.name for event in ours.events] == [event.name for event in theirs.events]
+    np.testing.assert_allclose([e.t for e in ours.events], [e.t for e in theirs.events], rtol=0, atol=2e-2)
+    for field in ("q", "v", "a"):
+        expected = getattr(theirs, field)
+        np.testing.assert_allclose(getattr(ours, field), expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+    np.testing.assert_array_equal(ours.u, theirs.u)
 
 
 def test_output_changes_nothing_of_a_motion_that_changes_coordinates():

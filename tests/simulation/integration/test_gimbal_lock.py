@@ -12,6 +12,7 @@ from ccpin.errors import DifferentSubjectsError
 from tests.support.agreement import reference_model
 from tests.support.backends import same_on_both
 from tests.support.gimbal import TRIPLE, link_pose, stewart, stewart_on_balls
+from tests.support.long_cases import later
 from tests.support.passive import TIGHT, assert_it_goes_on
 
 INTEGRATOR = {name: TIGHT[name] for name in ("method", "rtol", "atol")}
@@ -129,6 +130,7 @@ def test_a_memory_is_not_taken_where_something_acts_between():
         other.recall(moving.memory())
 
 
+@pytest.mark.slow
 @same_on_both
 def test_a_torque_function_goes_on_and_its_work_is_the_energy():
     """Motors on the legs: T + V grows by ∫ uᵀq̇ dt, and the function reads q and q̇ of the legs."""
@@ -188,7 +190,7 @@ INBETWEEN = {
 
 
 @same_on_both  # NumPy's lock ends a motion in `test_joints_that_move_no_mass_end_a_passive_motion`
-@pytest.mark.parametrize("options", INBETWEEN.values(), ids=INBETWEEN)
+@pytest.mark.parametrize("options", later(*INBETWEEN.values()), ids=INBETWEEN)
 def test_a_triple_on_which_something_acts_is_no_ball(options):
     """What acts on one of the three turns about its axis: the lock ends that motion, and says so."""
     run = released(stewart(), **options)

@@ -37,7 +37,7 @@ def test_energy_is_kept_by_springs():
     assert np.ptp(without) > 1e-3
 
 
-@pytest.mark.parametrize("law", [PDSimpleGravity, pytest.param(PDFullGravity, marks=same_on_both)])
+@pytest.mark.parametrize("law", [PDSimpleGravity, pytest.param(PDFullGravity, marks=pytest.mark.slow)])
 def test_set_point_laws_hold_springs(law):
     """PD with gravity compensation reaches its goal exactly with springs and a gear: g is the whole potential's."""
     model = ccpin.ReducedModel(ccpin.load("four_bar", joints=STATED, motors={"crank": {"gear": -20}}))

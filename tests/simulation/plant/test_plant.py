@@ -85,6 +85,7 @@ def test_the_motion_may_end_at_a_limit():
     assert (beyond.status, beyond.t[-1]) == ("event", 0.0)
 
 
+@pytest.mark.slow
 @same_on_both
 def test_sampling_does_not_change_when_a_stop_is_met():
     """Events and the end are the same with another sample period."""

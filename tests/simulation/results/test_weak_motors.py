@@ -149,6 +149,7 @@ def test_the_command_says_so_before_it_says_finished(tmp_path, capsys):
     assert any("cannot hold it still" in note for note in json.loads(capsys.readouterr().out)["notes"])
 
 
+@pytest.mark.slow
 def test_a_report_says_so(model, motion):
     """The experiment's section, before how it ran; its band is of angles, as all coordinates are."""
     page = set_point_move.experiment(model, set_point_move.run(model, ReportSettings(goal=GOAL, duration=DURATION)))

@@ -15,6 +15,7 @@ if missing := quadruple.absent():
 SHARP = {"rpdr": 1e-5, "ankle": 1e-6, "delta": 1e-11}  # seen errors as a share of what is proved, at least
 
 
+@pytest.mark.slow
 def test_a_thousand_states_are_not_beyond_what_is_proved(monkeypatch):
     """A five-bar's, in double and in float; with errors told a thousand times smaller they are."""
     found = certified("rpdr", ["near"], 16)

@@ -134,6 +134,7 @@ def test_input_to_state(law_class):
         assert np.all(proof.ultimate <= proof.errors[-1])
 
 
+@pytest.mark.slow
 @one_law
 def test_more_cells_are_nearer(law_class):
     """Twice the cells lower the bound; by how much tells how far it is from its limit."""
