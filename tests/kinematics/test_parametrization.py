@@ -47,7 +47,7 @@ def test_without_near_the_mode_is_the_references(rpdr, rpdr_model):
     """σ follows the line from the reference where the closed-form domain holds it, and raises where it does not."""
     rng = np.random.default_rng(40)
     start, reached, blocked = rpdr_model.alpha(rpdr.q_reference), 0, 0
-    for q in rng.uniform(-np.pi, np.pi, (60, 2)):
+    for q in rng.uniform(-np.pi, np.pi, (100, 2)):
         longest = elongations(start, q).max()
         if longest < 0.999:
             q_paper = to_paper(rpdr, rpdr_model.sigma(q))
