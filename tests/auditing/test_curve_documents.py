@@ -34,7 +34,7 @@ def cover_of(name):
     return domain.certify_singularities(load[name](), CASES[name])
 
 
-@pytest.fixture(scope="module", params=["rpdr", *later("3-RPR", "five-bar")])
+@pytest.fixture(scope="module", params=later("rpdr", *CASES))
 def case(request, tmp_path_factory, rpdr_curves):
     """A cover and its file."""
     found = rpdr_curves if request.param == "rpdr" else cover_of(request.param)

@@ -59,6 +59,7 @@ def test_configurations_are_drawn_in_plane_and_in_space(name, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["figure.png"]
 
 
+@pytest.mark.slow
 def test_pictures_have_300_dots_an_inch(rpdr, swing, tmp_path):
     """A saved PNG has 300 dots per inch of the figure's size, and says so."""
     for figure in (plotting.plot_motion(swing, rpdr), plotting.plot_configurations(rpdr, [rpdr.q_reference], ["a"])):

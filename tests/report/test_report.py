@@ -144,6 +144,7 @@ def test_the_goal_beside_the_start_is_on_the_branch():
         assert np.abs(goal - start).max() > 1e-3, name
 
 
+@pytest.mark.slow
 def test_slices_are_the_conditioning_of_psi():
     """Every reached point has the 1/κ of σ there; the reference is the middle; beyond a singularity is nothing."""
     model = ccpin.ReducedModel(ccpin.load("delta"))
