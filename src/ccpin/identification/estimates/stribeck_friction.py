@@ -7,13 +7,14 @@ With W the columns of all other constants, and of joint j its column beside s_j 
 all weighted by the efforts' deviations, the other constants are linear least squares' for any speeds, and what is
 left, ‖(1 − W W⁺)(τ − E δ)‖², δ its best, depends on the speeds alone (G. Golub and V. Pereyra, The differentiation
 of pseudo-inverses and nonlinear least squares problems whose variables separate, SIAM Journal on Numerical Analysis
-10, 1973). Speeds are looked for on a grid, then by Gauss and Newton's steps; ∂(E δ)/∂v_s stands beside W in the fit that
-counts, so that all covariances have what is not known of v_s in them.
+10, 1973). Speeds are looked for on a grid, then by Gauss and Newton's steps; ∂(E δ)/∂v_s stands beside W in the fit
+that counts, so that all covariances have what is not known of v_s in them.
 
-An effect is told of a joint where it explains more than two constants have to (2 log N of the weighted sum of N squares:
-G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978), friction falls from rest on, and 95 % of
-the profile likelihood of v_s lie between speeds that the log has: where v_s is below its slow samples s is not seen, and
-where it is above all of them s − c and c are not told apart. Else the joint has Coulomb's friction, and a reason.
+An effect is told of a joint where it explains more than two constants have to (2 log N of the weighted sum of N
+squares: G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978), friction falls from rest on,
+and 95 % of the profile likelihood of v_s lie between speeds that the log has: where v_s is below its slow samples s is
+not seen, and where it is above all of them s − c and c are not told apart. Else the joint has Coulomb's friction, and
+a reason.
 """
 
 from __future__ import annotations
@@ -169,7 +170,9 @@ def found_speeds(rows: EffortRows, columns: StribeckColumns, robust: bool) -> Fo
     speeds, increments = np.empty(0), np.empty(0)
     while left:
         search, speeds, increments = _settled(rows, columns.of(left), robust)
-        verdicts = [search.verdict(k, speeds, increments) for k in range(len(left))]
+        verdicts = [search.worth(k, speeds, increments) for k in range(len(left))]
+        if not any(each.reason for each in verdicts):
+            verdicts = [search.bounded(k, speeds, each) for k, each in enumerate(verdicts)]
         told |= {each.joint: each for each in verdicts}
         refused = [k for k in range(len(left)) if verdicts[k].reason]
         if not refused:
@@ -273,9 +276,10 @@ class _Projection:
 
     def _apart(self, columns: Array) -> Array:
         """Columns (N, n, k), weighted, less what W explains of them, with a row for each that is known beforehand."""
-        flat = (self.weight[:, None] * columns).reshape(self._size, -1)
-        padded = np.pad(flat, ((0, len(self.right) - self._size), (0, 0)))
-        return np.asarray(padded - self.others @ (self.others[: self._size].T @ flat))
+        flat = (self.weight[:, None] * columns).reshape(-1, columns.shape[2])
+        found = self.others @ -(self.others[: len(flat)].T @ flat)
+        found[: len(flat)] += flat
+        return np.asarray(found)
 
     def left(self, speeds: Array) -> tuple[Array, Array]:
         """What is left, and δ."""
@@ -320,18 +324,16 @@ class _Projection:
             found[free] = x
             return np.exp(found)
 
-        def slopes(x: Array) -> Array:
-            """Kaufman's: −(1 − P)(∂E/∂log v) δ, P on W and E."""
-            speeds = at(x)
-            E = self._apart(self.columns.falling(speeds))
-            delta = np.linalg.lstsq(E, self.right, rcond=_APART)[0]
-            moved = self._apart(self.columns.slopes(speeds) * (delta * speeds))[:, free]
-            return np.asarray(-(moved - E @ np.linalg.lstsq(E, moved, rcond=_APART)[0]))
-
         low, high = self.bounds[0][free], self.bounds[1][free]
         inside = np.clip(whole[free], low + 1e-6, high - 1e-6)
         found = least_squares(
-            lambda x: self.left(at(x))[0], inside, slopes, (low, high), xtol=1e-6, ftol=1e-9, max_nfev=30
+            lambda x: self.left(at(x))[0],
+            inside,
+            lambda x: self.slopes(at(x))[:, free],
+            (low, high),
+            xtol=1e-4,
+            ftol=1e-7,
+            max_nfev=30,
         )
         return at(found.x)
 
@@ -339,28 +341,34 @@ class _Projection:
         """The sum of squares of what is left."""
         return float(np.sum(self.left(speeds)[0] ** 2))
 
-    def verdict(self, k: int, speeds: Array, increments: Array) -> Verdict:
-        """That of joint k."""
-        joint = self.columns.names[k]
-        cost, due = self.cost(speeds), 2.0 * float(np.log(self._size))
-        gain, nowhere = self._without(k, speeds) - cost, (np.nan, np.nan)
+    def slopes(self, speeds: Array) -> Array:
+        """Of what is left by log v_s, L. Kaufman's: −(1 − P)(∂E/∂log v_s) δ, P on W and E."""
+        E = self._apart(self.columns.falling(speeds))
+        delta = np.linalg.lstsq(E, self.right, rcond=_APART)[0]
+        moved = self._apart(self.columns.slopes(speeds) * (delta * speeds))
+        return np.asarray(E @ np.linalg.lstsq(E, moved, rcond=_APART)[0] - moved)
+
+    def worth(self, k: int, speeds: Array, increments: Array) -> Verdict:
+        """Whether what joint k's effect explains is worth its two constants; the interval is open yet."""
+        gain, due, said = self._without(k, speeds) - self.cost(speeds), 2.0 * float(np.log(self._size)), ""
         if gain < due:
             said = f"the logs show no fall of friction with speed: it would explain {gain:.3g}, and {due:.3g} are due"
-            return Verdict(joint, nowhere, gain, due, said)
-        if increments[k] <= 0.0:
-            return Verdict(
-                joint, nowhere, gain, due, "friction rises with speed from rest on, as no Stribeck effect does"
-            )
-        low, high = (self._end(k, speeds, cost, way) for way in (-1, 1))
+        elif increments[k] <= 0.0:
+            said = "friction rises with speed from rest on, as no Stribeck effect does"
+        return Verdict(self.columns.names[k], (np.nan, np.nan), gain, due, said)
+
+    def bounded(self, k: int, speeds: Array, found: Verdict) -> Verdict:
+        """The interval of joint k's speed, and whether the logs bound it."""
+        low, high = (self._end(k, speeds, way) for way in (-1, 1))
         slowest, fastest = (float(np.exp(bound[k])) for bound in self.bounds)
         said = ""
         if low is None:
             said = (
-                f"the Stribeck speed may be below {slowest:.3g}, where the logs have too few samples to see breakaway"
+                f"the Stribeck speed may be below {slowest:.3g}, where the logs have too few samples to tell breakaway"
             )
         elif high is None:
             said = f"the Stribeck speed may be above {fastest:.3g}, the logs' largest: c and s are not told apart"
-        return Verdict(joint, (low or 0.0, np.inf if high is None else high), gain, due, said)
+        return found._replace(interval=(low or 0.0, np.inf if high is None else high), reason=said)
 
     def _without(self, k: int, speeds: Array) -> float:
         """What is left at least without the effect of joint k."""
@@ -370,18 +378,22 @@ class _Projection:
         part = self.of(others)
         return part.cost(part.best(np.log(speeds[others])))
 
-    def _end(self, k: int, speeds: Array, cost: float, way: int) -> float | None:
-        """Where the profile likelihood of v_s falls to 95 %, slower or faster; ``None``: within bounds nowhere."""
-        here, last = float(np.log(speeds[k])), float(self.bounds[way > 0][k])
-        start = np.log(speeds)
+    def _end(self, k: int, speeds: Array, way: int) -> float | None:
+        """Where the profile likelihood of v_s falls to 95 %, slower or faster; ``None``: within bounds nowhere.
+
+        The root of what it falls by is nearly straight in log v_s, so that few steps find it.
+        """
+        here, last, start = float(np.log(speeds[k])), float(self.bounds[way > 0][k]), np.log(speeds)
+        J, least = self.slopes(speeds), self.cost(speeds)
+        step = 1.2 * way * float(np.sqrt(_PROFILE * np.linalg.pinv(J.T @ J)[k, k]))
 
         def above(x: float) -> float:
-            return self.cost(self.best(start, (k, x))) - cost - _PROFILE
+            return float(np.sqrt(max(self.cost(self.best(start, (k, x))) - least, 0.0)) - np.sqrt(_PROFILE))
 
-        near, step = here, 0.05
+        near = here
         while (last - near) * way > 0.0:
-            far = near + way * step if (last - near) * way > step else last
+            far = near + step if (last - near - step) * way > 0.0 else last
             if above(far) > 0.0:
-                return float(np.exp(brentq(above, *sorted((near, far)), xtol=1e-3) if above(near) < 0.0 else near))
-            near, step = far, 2.0 * step
+                return float(np.exp(brentq(above, near, far, xtol=0.02 * abs(step))))
+            near = far
         return None
