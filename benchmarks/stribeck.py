@@ -1,7 +1,8 @@
 """Stribeck's friction found from simulated logs: `python -m benchmarks.stribeck [MODEL …] [--runs N] [--into FILE]`.
 
-Robots, motions and noise are those of `benchmarks.identification`; the breakaway level of every joint of one velocity
-is besides 1.3 to 2 times Coulomb's, and its Stribeck speed a twentieth to a fifth of the joint's largest. `identify`
+Robots, motions and noise are those of `benchmarks.identification`, but that Coulomb's levels of joints of one velocity
+are 5 to 15 % of the efforts' root mean square, breakaway levels 1.3 to 2 times these, and Stribeck speeds a twentieth
+to a fifth of the joints' largest. `identify`
 gets the file's model, which knows of no friction, and the log, once with `stribeck=True` and once without.
 
 Told: of how many joints an effect was told, how many of all 95 % intervals (±1.96 deviations) hold c, s and v_s, how
@@ -24,8 +25,8 @@ from benchmarks.identification import MODELS, along, another, logged, motions, r
 from ccpin.identification import identify
 from ccpin.identification.estimates.stribeck_friction import StribeckColumns
 
-HIGHER, SPEED = (0.3, 1.0), (0.05, 0.2)
-"""Breakaway above Coulomb's level, of it, and Stribeck speeds, of the joint's largest."""
+LEVEL, HIGHER, SPEED = (0.05, 0.15), (0.3, 1.0), (0.05, 0.2)
+"""Coulomb's levels, of efforts; breakaway above them, of them; and Stribeck speeds, of the joint's largest."""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -52,7 +53,8 @@ def told(name: str, runs: int, none: bool, into: Path | None = None) -> None:
     for run in range(len(lines), runs):
         begin, draw = time.process_time(), np.random.default_rng(run)
         truth = another(model, draw)
-        coulomb = truth[places(model, joints)]
+        coulomb = np.sqrt(np.mean((Y @ truth) ** 2)) * draw.uniform(*LEVEL, len(joints))
+        truth[places(model, joints)] = coulomb
         more = coulomb * draw.uniform(*HIGHER, len(joints)) * (not none)
         speeds = np.abs(columns.rates).max(axis=0) * draw.uniform(*SPEED, len(joints))
         log = logged(model, t, states[0], Y @ truth + columns.falling(speeds) @ more, draw)

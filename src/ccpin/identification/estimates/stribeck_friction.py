@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq, least_squares
+from scipy.optimize import brentq, least_squares, nnls
 
 from ccpin.arrays import Array, records
 from ccpin.description.names import choices
@@ -288,17 +288,16 @@ class _Projection:
         return self.right - E @ increments, increments
 
     def grid_best(self) -> Array:
-        """Logarithms of speeds, joint by joint the best of a grid while the others stay."""
+        """Logarithms of speeds, joint by joint the best of a grid while the others stay, of no δ below zero."""
         low, high = self.bounds
         grid, count = np.linspace(low, high, _GRID), len(low)
         E = np.concatenate([self._apart(self.columns.falling(np.exp(row))) for row in grid], axis=1)
-        gram, right = E.T @ E, E.T @ self.right
+        q, triangle = np.linalg.qr(E)
+        right = q.T @ self.right
         chosen = np.full(count, _GRID // 2)
 
         def gain(at: Array) -> float:
-            own = at * count + np.arange(count)
-            delta = np.linalg.lstsq(gram[np.ix_(own, own)], right[own], rcond=_APART)[0]
-            return float(delta @ right[own])
+            return -nnls(triangle[:, at * count + np.arange(count)], right)[1]
 
         for _ in range(_SWEEPS):
             before = chosen.copy()
