@@ -12,8 +12,6 @@ from ccpin.kinematics.tree import Tree
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.transmission.sides import Sides
 
-NO_DRY_FRICTION = {"friction": 0.0, "breakaway": 0.0, "stribeck_speed": 0.0}
-
 
 def linkage_model(model: ReducedModel, sides: Sides) -> ReducedModel:
     """The model with the serial robot's part taken away: τ of it is what moving the linkage takes at the joints.
@@ -55,4 +53,9 @@ def stated_of(mechanism: Mechanism) -> MechanismDescription:
 
 def massless(joint: Joint) -> Joint:
     """A joint that takes no effort."""
-    return replace(joint, armature=0.0, damping=0.0, stiffness=0.0, **NO_DRY_FRICTION)
+    return replace(frictionless(joint), armature=0.0, damping=0.0, stiffness=0.0)
+
+
+def frictionless(joint: Joint) -> Joint:
+    """A joint without dry friction."""
+    return replace(joint, friction=0.0, breakaway=0.0, stribeck_speed=0.0)

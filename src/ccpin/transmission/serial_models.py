@@ -9,7 +9,7 @@ from ccpin.description.model import Joint
 from ccpin.dynamics.changed_constants import stated_otherwise
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.transmission.equivalent_masses import Additions
-from ccpin.transmission.linkage import NO_DRY_FRICTION, massless
+from ccpin.transmission.linkage import frictionless, massless
 from ccpin.transmission.transmission import Transmission
 
 
@@ -35,7 +35,7 @@ def added_alone(
             return massless(joint)
         own = massless(joint) if joint.name in transmission.motors else joint
         damping, stiffness = (getattr(joints[joint.name], it) - getattr(own, it) for it in ("damping", "stiffness"))
-        return replace(joint, armature=armatures[joint.name], damping=damping, stiffness=stiffness, **NO_DRY_FRICTION)
+        return replace(frictionless(joint), armature=armatures[joint.name], damping=damping, stiffness=stiffness)
 
     return stated_otherwise(
         transmission.joint_model,

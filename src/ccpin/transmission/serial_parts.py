@@ -13,7 +13,7 @@ from ccpin.description.model import Joint, Link, MechanismDescription, Motor, So
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.points import LinkPoint
 from ccpin.transmission.equivalent_masses import Additions, Ground, PointMass, second_moments
-from ccpin.transmission.linkage import NO_DRY_FRICTION, carriers, serial_links, stated_of
+from ccpin.transmission.linkage import carriers, frictionless, serial_links, stated_of
 from ccpin.transmission.posture import Posture
 from ccpin.transmission.serial_range import Reached
 from ccpin.transmission.transmission import Transmission
@@ -114,13 +114,13 @@ def with_additions(
     lower, upper, armatures = found.lower.tolist(), found.upper.tolist(), added.armatures.tolist()
     return {
         name: replace(
-            joint,
+            frictionless(joint),
             kind="revolute" if joint.kind == "continuous" else joint.kind,
             lower=lower[k],
             upper=upper[k],
             armature=joint.armature + armatures[k],
             damping=damping[k],
-            **NO_DRY_FRICTION | {"friction": friction[k]},
+            friction=friction[k],
         )
         for k, (name, joint) in enumerate(bare.items())
     }

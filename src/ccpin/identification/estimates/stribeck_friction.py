@@ -285,7 +285,7 @@ class _Projection:
         """What is left, and δ."""
         E = self._apart(self.columns.falling(speeds))
         increments = np.linalg.lstsq(E, self.right, rcond=_APART)[0]
-        return self.right - E @ increments, increments
+        return np.asarray(self.right - E @ increments), np.asarray(increments)
 
     def grid_best(self) -> Array:
         """Logarithms of speeds, joint by joint the best of a grid while the others stay, of no δ below zero."""
@@ -297,7 +297,7 @@ class _Projection:
         chosen = np.full(count, _GRID // 2)
 
         def gain(at: Array) -> float:
-            return -nnls(triangle[:, at * count + np.arange(count)], right)[1]
+            return -float(nnls(triangle[:, at * count + np.arange(count)], right)[1])
 
         for _ in range(_SWEEPS):
             before = chosen.copy()
