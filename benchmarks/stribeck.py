@@ -16,14 +16,13 @@ import argparse
 import json
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import ccpin
 from benchmarks.identification import MODELS, along, another, logged, motions, read
 from ccpin.identification import identify
-from ccpin.identification.estimates.stribeck_friction import StribeckColumns
 
 LEVEL, HIGHER, SPEED = (0.05, 0.15), (0.3, 1.0), (0.05, 0.2)
 """Coulomb's levels, of efforts; breakaway above them, of them; and Stribeck speeds, of the joint's largest."""
@@ -57,17 +56,18 @@ def told(name: str, runs: int, none: bool, into: Path | None = None) -> None:
         truth[places(model, joints)] = coulomb
         more = coulomb * draw.uniform(*HIGHER, len(joints)) * (not none)
         speeds = np.abs(columns.rates).max(axis=0) * draw.uniform(*SPEED, len(joints))
-        log = logged(model, t, states[0], Y @ truth + columns.falling(speeds) @ more, draw)
+        log = logged(model, t, states[0], Y @ truth + columns.falling(speeds, more), draw)
         found, plain = identify(model, log, stribeck=True), identify(model, log)
-        efforts = unseen @ truth + later.falling(speeds) @ more
+        efforts = unseen @ truth + later.falling(speeds, more)
         own = [each for each in found.stribeck if not each.reason]
         at = [joints.index(each.joint) for each in own]
         plainly = np.isin(found.parameters.names, model.parameters.names)
         levels, deviations = (np.array([getattr(e, n) for e in own]).reshape(-1, 3) for n in ("values", "deviations"))
         ends = np.array([each.interval for each in own]).reshape(-1, 2)
         seen = unseen @ found.parameters.values[plainly]
-        if own:
-            seen += later.of(at).falling(levels[:, 2]) @ (levels[:, 1] - levels[:, 0])
+        fall, slow = np.zeros(len(joints)), np.ones(len(joints))
+        fall[at], slow[at] = levels[:, 1] - levels[:, 0], levels[:, 2]
+        seen += later.falling(slow, fall)
         true = np.stack([coulomb, coulomb + more, speeds], axis=1)[at]
         within = (ends[:, 0] <= true[:, 2]) & (true[:, 2] <= ends[:, 1])
         size = np.sqrt((efforts**2).mean())
@@ -98,13 +98,24 @@ def places(model: ccpin.ReducedModel, joints: tuple[str, ...]) -> list[int]:
     return [model.parameters.names.index(f"friction:{name}") for name in joints]
 
 
+class Rubbing(NamedTuple):
+    """Along a motion ρ_jᵀ sign q̇′_j, of shape (T, n, k), and q̇′_j of k joints, of shape (T, k)."""
+
+    friction: np.ndarray
+    rates: np.ndarray
+
+    def falling(self, speeds: np.ndarray, more: np.ndarray) -> np.ndarray:
+        """Efforts of dry friction beyond Coulomb's: Σ_j ρ_jᵀ (s − c) exp(−(q̇′_j/v_s)²) sign q̇′_j, of shape (T, n)."""
+        return np.asarray(np.einsum("tnk,tk->tn", self.friction, more * np.exp(-((self.rates / speeds) ** 2))))
+
+
 def rubbing(
     model: ccpin.ReducedModel, joints: tuple[str, ...], Y: np.ndarray, states: tuple[np.ndarray, ...]
-) -> StribeckColumns:
-    """ρ_jᵀ sign q̇′_j and q̇′_j of joints along a motion."""
+) -> Rubbing:
+    """That of a motion."""
     own = [model.mechanism.tree.joint(name).v.start for name in joints]
     rates = np.einsum("sij,sj->si", model.terms_many(*states[:2]).rho, states[1])
-    return StribeckColumns(joints, Y[..., places(model, joints)], rates[:, own])
+    return Rubbing(Y[..., places(model, joints)], rates[:, own])
 
 
 def summary(lines: list[dict[str, Any]]) -> str:

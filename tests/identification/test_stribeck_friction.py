@@ -11,7 +11,6 @@ from ccpin.description.formats import write_description
 from ccpin.dynamics.changed_constants import with_stribeck_speeds
 from ccpin.errors import InvalidInputError
 from ccpin.identification import base_parameters, consistent, explained, identify, with_constants
-from tests.identification.conftest import JOINTS
 
 TRUE = {
     "joint1": (0.02, 0.03, 0.2),
@@ -19,6 +18,7 @@ TRUE = {
     "joint3": (0.02, 0.04, 0.4),
     "joint4": (0.02, 0.045, 0.5),
 }
+JOINTS = tuple(TRUE)
 
 
 def stribeck_log(bench, seed, effort=0.02, encoder=1e-5, joints=JOINTS):
