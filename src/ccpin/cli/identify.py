@@ -90,7 +90,7 @@ def _identify(options: argparse.Namespace) -> int:
             motion = smoothed(on_time, model, **smoothing)
             before = told_of_motion(model, model.parameters, motion)
             told.append((log.source, before, told_of_motion(estimate.model, chosen, motion)))
-        page = estimate_page(model, estimate, chosen, told)
+        page = estimate_page(estimate, chosen, told)
         write_atomically(writable_target(options.report), "w", lambda file: file.write(page))
         written.append(str(options.report))
     if options.json:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ccpin.dynamics.parameters import DynamicParameters
-from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.identification.estimates.estimation import Estimate
 from ccpin.identification.estimates.explained_efforts import Explained
 from ccpin.identification.estimates.residual_figures import efforts_figure, friction_figure, residuals_figure
@@ -16,7 +15,6 @@ _CHANGED = 1e-12  # SI units: less is a solver's rounding
 
 
 def estimate_page(
-    model: ReducedModel,
     estimate: Estimate,
     chosen: DynamicParameters,
     logs: Sequence[tuple[str, Explained, Explained]],
@@ -24,12 +22,11 @@ def estimate_page(
     """The page as HTML.
 
     Args:
-        model: The mechanism as it is described.
         estimate: What its logs tell.
         chosen: The constants that were taken.
         logs: Of each log its name, what the description explains of it, and what the constants do.
     """
-    used, left = estimate.samples
+    model, (used, left) = estimate.model, estimate.samples
     told = (
         f"{len(estimate.values)} combinations of constants from {used} samples; {left} more were left out, at which a "
         "joint may have stood. A combination cannot be told apart further by these motions and sensors: all constants "
@@ -101,7 +98,7 @@ def _friction(estimate: Estimate) -> str:
     found = [each for each in estimate.stribeck if not each.reason]
     if not found:
         return body
-    words = "Dry friction of joints against speed, N m or N and rad/s or m/s, with a band of two standard deviations"
+    words = "Dry friction against speed, N m or N and rad/s or m/s, ± two standard deviations; upright, where v_s is"
     return body + figure(friction_figure(found), words)
 
 

@@ -10,7 +10,7 @@ Journal of Robotics Research 5, 1986; M. Gautier, Numerical calculation of the b
 A constant of which something is known beforehand is told whether logs show it or not: V spans what motors feel and all
 such constants, and β̂ and C are the posterior's. A sample at which a joint with friction may turn either way within what
 its velocity is known to is left out. Where Stribeck's friction is asked for, its speeds are found beside
-(`stribeck_friction`).
+(`stribeck_search`).
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ from ccpin.identification.estimates.stribeck_friction import (
     FoundSpeeds,
     StribeckFriction,
     asked_joints,
-    found_speeds,
     stribeck_columns,
     told_friction,
     with_columns,
     with_effect,
 )
+from ccpin.identification.estimates.stribeck_search import found_speeds
 from ccpin.identification.logs.log import Log
 from ccpin.identification.logs.smoothing import Outlier, Smoothed, smoothed
 from ccpin.mechanism.mechanism import Mechanism
