@@ -59,13 +59,15 @@ inline Friction read_friction(nb::dict d, const Mechanism& m) {
   const size_t k = component.size();
   const std::vector<int> coordinate = integers(d["coordinate"], k);
   const std::vector<double> coulomb = numbers(d["coulomb"], k), viscous = numbers(d["viscous"], k);
+  const std::vector<double> breakaway = numbers(d["breakaway"], k), speed = numbers(d["stribeck_speed"], k);
   Friction f{{}, numbers(d["signs"], k), integers(d["rest"], k), integers(d["halted"], k), nb::cast<bool>(d["locked"])};
   require(k > 0, "friction of no joint");
   for (size_t i = 0; i < k; ++i) {
     require(component[i] >= 0 && component[i] < m.nv, "friction of a joint that is none");
     require(coordinate[i] >= -1 && coordinate[i] < m.n, "friction of an independent velocity that is none");
     require(coulomb[i] >= 0 && viscous[i] >= 0, "a level of friction is negative");
-    f.joints.push_back({component[i], coordinate[i], coulomb[i], viscous[i]});
+    require(breakaway[i] >= coulomb[i] && speed[i] > 0, "a breakaway level is below Coulomb's, or a Stribeck speed not positive");
+    f.joints.push_back({component[i], coordinate[i], coulomb[i], viscous[i], breakaway[i], speed[i]});
   }
   return f;
 }

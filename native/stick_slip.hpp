@@ -1,10 +1,10 @@
 // Forward dynamics with dry friction, as ccpin.simulation.plant.stick_slip has it, which is the definition of all that is
-// decided here: a joint slides in a known direction, under a force −c sign(q̇′_j) − b q̇′_j, or rests, q̈′_j = 0, with a
-// multiplier f_j. Which of the joints that have halted stay at rest, and which way the others start to slide, is told by
+// decided here: a joint slides in a known direction, under −[c + (s − c) exp(−(q̇′_j/v_s)²)] sign(q̇′_j) − b q̇′_j, or rests,
+// q̈′_j = 0, with a multiplier |f_j| ≤ s. Which of the joints that have halted stay at rest, and which way the others start to slide, is told by
 //
-//   q̈ = argmin ½(q̈ − a)ᵀD(q̈ − a) + Σ c_j |q̈′_j|,   q̈′_j = ρ_j q̈ + (ρ̇ q̇)_j,
+//   q̈ = argmin ½(q̈ − a)ᵀD(q̈ − a) + Σ s_j |q̈′_j|,   q̈′_j = ρ_j q̈ + (ρ̇ q̇)_j,
 //
-// whose dual is a least-squares problem in f/c within ±1 (Stark and Parker, Bounded-variable least-squares, Comput. Stat.
+// whose dual is a least-squares problem in f/s within ±1 (Stark and Parker, Bounded-variable least-squares, Comput. Stat.
 // 10, 1995; step for step as scipy.optimize.lsq_linear's).
 #pragma once
 #include "workspace.hpp"
@@ -115,7 +115,16 @@ class BoundedLeastSquares {
   }
 };
 
-struct Rubbing { int component, coordinate; double coulomb, viscous; };  // of q̇′; the independent velocity it is, −1: none
+struct Rubbing {
+  int component, coordinate;  // of q̇′; the independent velocity it is, −1: none
+  double coulomb, viscous, breakaway, stribeck_speed;
+  // c + (s − c) exp(−(q̇′/v_s)²)
+  double level(double rate) const {
+    if (breakaway == coulomb) return coulomb;
+    const double x = rate / stribeck_speed;
+    return coulomb + (breakaway - coulomb) * std::exp(-(x * x));
+  }
+};
 
 // The joints that rub, and their mode: which way each slides (0: it rests, or is not dry), which rest, which have just
 // halted, and whether nothing moves.
@@ -139,7 +148,7 @@ class StickSlip {
       for (int s = 0; s < m_.joints[j].nv; ++s) cluster[m_.joints[j].v + s] = m_.cluster_of[j];
     for (const Rubbing& joint : mode.joints) {
       cluster_.push_back(cluster[joint.component]);
-      eventful_ |= joint.coulomb > 0;
+      eventful_ |= joint.breakaway > 0;
     }
     D_.resize(m_.n, m_.n), C_ = D_, rho_.resize(m_.nv, m_.n), rho_dot_ = rho_;
   }
@@ -152,7 +161,7 @@ class StickSlip {
     held_q_.clear();
     move(v);
     for (Eigen::Index k = 0; k < rates_.size(); ++k) {
-      const bool dry = mode.joints[k].coulomb > 0;
+      const bool dry = mode.joints[k].breakaway > 0;
       mode.rest[k] |= mode.halted[k] | (dry && std::abs(rates_[k]) <= kRest);
       mode.signs[k] = dry && !mode.rest[k] ? sign(rates_[k]) : 0;
     }
@@ -252,7 +261,7 @@ class StickSlip {
   bool know(const double* v, const double* u, const Pushes& pushes) {
     move(v);
     for (size_t k = 0; k < mode.joints.size(); ++k)
-      force_[k] = -mode.joints[k].viscous * rates_[k] - mode.joints[k].coulomb * mode.signs[k];
+      force_[k] = -mode.joints[k].viscous * rates_[k] - mode.joints[k].level(rates_[k]) * mode.signs[k];
     load_.noalias() = rows_.transpose() * force_;
     if (!w_.model.forward(v, u, a_.data(), pushes, load_.data())) return false;
     if (resting_.empty()) return true;
@@ -315,7 +324,7 @@ class StickSlip {
     starts = VecX::Zero(resting_.size());
     force = multipliers(-bias_);
     VecX level(resting_.size());
-    for (size_t r = 0; r < resting_.size(); ++r) level[r] = mode.joints[resting_[r]].coulomb;
+    for (size_t r = 0; r < resting_.size(); ++r) level[r] = mode.joints[resting_[r]].breakaway;
     const VecX pushed = resting_rows_ * a_ + bias_;
     const double least = kReleased * std::max(pushed.array().abs().maxCoeff(), a_.array().abs().maxCoeff());
     bool held = (force.array().abs() <= level.array() * (1 + kWithin)).all();
@@ -328,7 +337,7 @@ class StickSlip {
     return true;
   }
 
-  // argmin over |f| ≤ c of ½‖Lᵀ(a + d) + L⁻¹ρ_rᵀf‖², ρ_r d = (ρ̇ q̇)_r, D = L Lᵀ.
+  // argmin over |f| ≤ s of ½‖Lᵀ(a + d) + L⁻¹ρ_rᵀf‖², ρ_r d = (ρ̇ q̇)_r, D = L Lᵀ.
   bool least_constraint(const VecX& level, VecX& force) const {
     VecX d = a_;
     if (bias_.any()) d += with_rates(resting_rows_, bias_);

@@ -107,6 +107,9 @@ ELEMENTS = (
     Element("nonlinear damping", None, ("joint", 'damping="0 1"')),
     Element("dry friction", ("joint", '<dynamics friction="1"/>'), ("joint", 'frictionloss="1"'), dynamics("friction")),
     Element(
+        "Stribeck's friction", ("joint", '<dynamics friction="1" breakaway="2" stribeck_speed="0.1"/>'), None, None
+    ),
+    Element(
         "spring",
         ("root", '<gazebo reference="j"><springStiffness>1</springStiffness></gazebo>'),
         ("joint", 'stiffness="1" springref="20"'),

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from benchmarks import identification, identification_peers
+from benchmarks import identification, identification_peers, stribeck
 
 SHARES = re.compile(r"([\w., ()]*?) ([\d.e+-]+) %")
 
@@ -22,6 +22,17 @@ def test_a_second_run_goes_on_where_the_first_one_ended(tmp_path, capsys, monkey
     assert [line["run"] for line in lines] == [0, 1, 2]
     assert all(found < 0.2 * stated for found, stated in (line["missed"] for line in lines))
     assert "3 robots" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_stribecks_friction_is_told_where_it_is(capsys):
+    """It misses less than without, and tells of no joint where there is none."""
+    stribeck.main(["rpdr", "--runs", "1"])
+    told = capsys.readouterr().out
+    with_it, without = (float(x) for x in re.findall(r"([\d.]+) % with", told))
+    assert with_it < 0.2 * without
+    stribeck.main(["rpdr", "--runs", "1", "--none"])
+    assert "an effect told of 0 of 4 joints" in capsys.readouterr().out
 
 
 def missed(told):

@@ -191,12 +191,14 @@ def test_batches_are_rows_asked_for_alone():
 
 def test_names_units_and_values():
     """Each constant has one name and a unit, and the value that its file states."""
-    model = ccpin.ReducedModel(ccpin.load("rpdr"))
+    falling = {"friction": 0.1, "breakaway": 0.3, "stribeck_speed": 0.2}
+    model = ccpin.ReducedModel(ccpin.load("rpdr", joints={"joint1": falling}))
     told, joints = model.parameters, model.mechanism.joints
     assert len(set(told.names)) == len(told) == len(told.units) == len(told.kinds)
     assert set(told.kinds) == set(KINDS)
     np.testing.assert_array_equal(told.values[told.of("armature")], joints.armature)
     np.testing.assert_array_equal(told.values[told.of("friction")], joints.friction)
+    assert told.values[told.of("stribeck")].tolist() == [0.3 - 0.1]
     assert len(told.of("inertia")) == len(INERTIAL) * len(joints.names)
     assert told.units[told.of("mass")[0]] == "kg"
     assert told.units[told.of("stiffness")[0]] == "N m/rad"

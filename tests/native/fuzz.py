@@ -202,7 +202,9 @@ def _ask_for_runs(kernel: Any, near: np.ndarray, sizes: tuple[int, ...], rng: np
         count = int(rng.integers(1, nv + 1))
         run["friction"] = {
             "component": rng.permutation(nv)[:count].tolist(), "coordinate": [-1] * count,
-            "coulomb": rng.exponential(0.1, count).tolist(), "viscous": [0.01] * count, "signs": [0.0] * count,
+            "coulomb": (level := rng.exponential(0.1, count)).tolist(), "viscous": [0.01] * count,
+            "breakaway": (level * rng.uniform(1.0, 2.0, count)).tolist(), "stribeck_speed": [0.1] * count,
+            "signs": [0.0] * count,
             "rest": rng.integers(0, 2, count).tolist(), "halted": [0] * count, "locked": False,
         }  # fmt: skip
     if rng.random() < 0.5:

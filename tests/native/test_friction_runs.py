@@ -245,6 +245,8 @@ def ask(model, state, changed, u=(0.0, 0.0)):
         ("coulomb", [0.1, 0.1, 0.1, -0.1]),
         ("viscous", [0.1, np.nan, 0.1, 0.1]),
         ("coulomb", [0.1] * 3),
+        ("breakaway", [0.01] * 4),
+        ("stribeck_speed", [1.0, 1.0, 0.0, 1.0]),
         ("signs", [0.0] * 5),
         ("rest", [0] * 3),
         ("halted", "text"),

@@ -21,16 +21,18 @@ from ccpin.files import writable_target, write_atomically
 from ccpin.identification.estimates.consistency import consistent
 from ccpin.identification.estimates.estimation import identify
 from ccpin.identification.estimates.explained_efforts import told_of_motion
+from ccpin.identification.estimates.stribeck_friction import StribeckFriction
 from ccpin.identification.logs.log import Log
 from ccpin.identification.logs.smoothing import smoothed
 
 _EXAMPLES = """\
 example: ccpin identify rpdr --logs run1.csv run2.csv --out learnt.urdf --report learnt.html
          ccpin identify rpdr --logs run.mcap --kinds inertia friction
+         ccpin identify rpdr --logs run.csv --stribeck --report learnt.html
          ccpin identify rpdr --logs run.csv --columns q_joint1=left u_joint1=amps --units q=deg u=0.35"""
 
 
-_SIZES = ("found", "stated", "measured")
+_SIZES = ("found", "stated", "measured", "coulomb")
 _LATE = 4.0  # standard deviations of a delay that are told
 
 
@@ -54,6 +56,8 @@ def add_identify(commands: Any) -> None:
     parser.add_argument("--prior", nargs="+", metavar="NAME=NUMBER", default=(), help=beforehand)
     parser.add_argument("--plain", action="store_true", help="count all efforts, also those that are grossly off")
     parser.add_argument("--align", action="store_true", help="set the clocks of efforts right where they are late")
+    falls = "look for friction that falls from a breakaway level with speed, of these joints or of all"
+    parser.add_argument("--stribeck", nargs="*", metavar="JOINT", help=falls)
     written = "write the mechanism with consistent constants there"
     complete(parser.add_argument("--out", type=Path, metavar="FILE", help=written), shtab.FILE)
     page = "write a page with values, deviations and what is left there"
@@ -67,26 +71,26 @@ def _identify(options: argparse.Namespace) -> int:
     noise = {name: float(level) for name, level in _pairs(options.noise, "--noise")}
     prior = {name: _number(size) for name, size in _pairs(options.prior, "--prior")}
     smoothing: dict[str, Any] = {"spacing": options.spacing, "noise": noise}
+    stribeck = options.stribeck if options.stribeck else options.stribeck is not None
     logs = [Log.read(path, columns=columns, units=units, time=options.time) for path in options.logs]
     with busy(options.json, "motions behind the logs, and constants"):
-        estimate = identify(
-            model, logs, kinds=options.kinds, prior=prior, robust=not options.plain, align=options.align, **smoothing
-        )
-        chosen = consistent(model, estimate) if options.out or options.report else estimate.parameters
+        asked = {"kinds": options.kinds, "prior": prior, "robust": not options.plain, "align": options.align}
+        estimate = identify(model, logs, **asked, stribeck=stribeck, **smoothing)
+        chosen = consistent(estimate.model, estimate) if options.out or options.report else estimate.parameters
     written = []
     if options.out:
-        notes = write_description(with_constants(model, chosen), options.out)
+        notes = write_description(with_constants(estimate.model, chosen), options.out)
         written.append(str(options.out))
     if options.report:
         from ccpin.identification.estimates.constants_page import estimate_page
 
-        sets = (model.parameters, chosen)
         told = []
         for log, late in zip(logs, estimate.delays, strict=True):
             on_time = log.delayed({"u": late.taken}) if late.taken else log
-            before, after = told_of_motion(model, sets, smoothed(on_time, model, **smoothing))
-            told.append((log.source, before, after))
-        page = estimate_page(model, estimate, chosen, told)
+            motion = smoothed(on_time, model, **smoothing)
+            before = told_of_motion(model, model.parameters, motion)
+            told.append((log.source, before, told_of_motion(estimate.model, chosen, motion)))
+        page = estimate_page(estimate, chosen, told)
         write_atomically(writable_target(options.report), "w", lambda file: file.write(page))
         written.append(str(options.report))
     if options.json:
@@ -95,7 +99,8 @@ def _identify(options: argparse.Namespace) -> int:
         found = [dict(zip(fields, (name, *map(float, rest)), strict=True)) for name, *rest in rows]
         samples = dict(zip(("counted", "left_out"), estimate.samples, strict=True))
         unseen = [
-            {"where": each.where, "samples": each.samples, **{key: getattr(each, key).tolist() for key in _SIZES}}
+            {"where": each.where, "samples": each.samples}
+            | {key: size.tolist() for key in _SIZES if (size := getattr(each, key)) is not None}
             for each in estimate.held_out
         ]
         delays = [
@@ -103,13 +108,22 @@ def _identify(options: argparse.Namespace) -> int:
             for each in estimate.delays
         ]
         outliers = [each._asdict() for each in estimate.outliers]
-        told_all = {"found": found, "samples": samples, "outliers": outliers, "held_out": unseen, "delays": delays}
+        friction = [_friction(each) for each in estimate.stribeck]
+        told_all = {
+            "found": found,
+            "stribeck": friction,
+            "samples": samples,
+            "outliers": outliers,
+            "held_out": unseen,
+            "delays": delays,
+        }
         print(json.dumps(told_all | {"written": written}, indent=2))
         return 0
     print(f"{estimate!r}\n{estimate.table()}")
     for each in estimate.held_out:
         missed, files = (", ".join(f"{x:.3g}" for x in sizes) for sizes in (each.found, each.stated))
-        print(f"held out, {each.where}: missed {missed} N m or N (RMS); by the file's constants {files}")
+        without = "" if each.coulomb is None else f"; without Stribeck's {', '.join(f'{x:.3g}' for x in each.coulomb)}"
+        print(f"held out, {each.where}: missed {missed} N m or N (RMS); by the file's constants {files}{without}")
     for late in estimate.delays:
         if abs(late.seconds) > _LATE * late.deviation:
             put = f"set right by {1e3 * late.taken:.3g} ms" if options.align else "--align sets it right"
@@ -120,6 +134,15 @@ def _identify(options: argparse.Namespace) -> int:
     if options.out:
         print("".join(f"not in the file: {note}\n" for note in notes), end="")
     return 0
+
+
+def _friction(found: StribeckFriction) -> dict[str, Any]:
+    """As JSON has it: no number that is none."""
+    told: dict[str, Any] = {"joint": found.joint, "gain": found.gain, "due": found.due, "reason": found.reason}
+    if not found.reason:
+        told |= dict(zip(("coulomb", "breakaway", "speed"), found.values.tolist(), strict=True))
+        told |= {"deviations": found.deviations.tolist(), "interval": list(found.interval)}
+    return told
 
 
 def _pairs(given: Sequence[str], option: str) -> list[tuple[str, str]]:

@@ -170,6 +170,7 @@ class _Checker:
             value = getattr(joint, field)
             if not 0 <= value < FORCE_LIMIT:
                 raise self.fail(element, f"{word} {value:g} is negative, or not below {FORCE_LIMIT:g}")
+        self.friction_is_sound(element, joint)
         for field in ("effort", "velocity"):
             if not getattr(joint, field) >= 0:
                 raise self.fail(
@@ -185,6 +186,20 @@ class _Checker:
         if kind.unit and joint.spring_reference:
             raise self.fail(
                 element, f"the spring of a {joint.kind} joint pulls to its zero; it has no spring_reference"
+            )
+
+    def friction_is_sound(self, element: str, joint: Joint) -> None:
+        if not (joint.breakaway == 0.0 or joint.friction <= joint.breakaway < FORCE_LIMIT):
+            raise self.fail(
+                element, f"breakaway {joint.breakaway:g} is below friction {joint.friction:g}, or too large"
+            )
+        if not 0.0 <= joint.stribeck_speed < FORCE_LIMIT:
+            raise self.fail(
+                element, f"stribeck_speed {joint.stribeck_speed:g} is negative, or not below {FORCE_LIMIT:g}"
+            )
+        if joint.breakaway > joint.friction and not joint.stribeck_speed:
+            raise self.fail(
+                element, f"breakaway {joint.breakaway:g} above friction {joint.friction:g} needs a stribeck_speed"
             )
 
     def placement_is_rigid(self, element: str, placement: np.ndarray) -> None:

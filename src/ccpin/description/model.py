@@ -141,9 +141,10 @@ class Joint(_WithPlacement):
     coincides with the moving joint frame. `axis` is a unit vector in that frame (the normal for planar).
     `effort` (N m, N) and `velocity` (rad/s, m/s) are limits of the joint itself, whatever its motor.
     `armature` is the reflected rotor inertia (gear ratio squared times rotor inertia), kg m² or kg.
-    `damping` b and `friction` (a Coulomb level) oppose each of its velocities: b θ̇ in N m or N, at most `friction`
-    when sliding. `stiffness` k pulls a joint with one displacement to `spring_reference`: k (θ − θ₀), and a spherical
-    joint to its zero: k log R.
+    `damping` b and `friction` (a Coulomb level c) oppose each of its velocities: b θ̇ in N m or N, and when sliding
+    `friction`, or with a Stribeck effect c + (s − c) exp(−(θ̇/v_s)²): `breakaway` is s, which holds the joint at rest at
+    most (0: c), and `stribeck_speed` v_s, rad/s or m/s. `stiffness` k pulls a joint with one displacement to
+    `spring_reference`: k (θ − θ₀), and a spherical joint to its zero: k log R.
     """
 
     name: str
@@ -161,6 +162,13 @@ class Joint(_WithPlacement):
     friction: float = 0.0
     stiffness: float = 0.0
     spring_reference: float = 0.0
+    breakaway: float = 0.0
+    stribeck_speed: float = 0.0
+
+    @property
+    def breakaway_level(self) -> float:
+        """The most dry friction that the joint has, which is that at rest: `breakaway`, or `friction` without one."""
+        return self.breakaway or self.friction
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
-"""A mechanism's description with other constants: what its equations of motion are linear in, written into the file."""
+"""A mechanism with other constants: as a description that has what its equations are linear in, and as a model."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -9,17 +10,19 @@ import pinocchio as pin
 
 from ccpin.arrays import Array, instance
 from ccpin.description.changes.overrides import with_stated
-from ccpin.description.model import Inertia, MechanismDescription
+from ccpin.description.model import Inertia, Joint, Link, MechanismDescription
 from ccpin.dynamics.parameters import BODY, INERTIAL, DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
+from ccpin.kinematics.tree import ROOT_JOINT, build_tree
 from ccpin.mechanism.mechanism import Mechanism
 
 
 def with_constants(model: ReducedModel | Mechanism, parameters: DynamicParameters) -> MechanismDescription:
     """What the model's file says, with other constants: to be loaded, or written by `ccpin.description`.
 
-    A link that a movable joint carries takes its body's inertia, less that of the links fixed to it.
+    A link that a movable joint carries takes its body's inertia, less that of the links fixed to it; a
+    joint with a Stribeck speed, which stays, the breakaway level.
 
     Raises:
         InvalidInputError: The constants are another mechanism's, a spring has an offset and no stiffness, or a body has
@@ -48,12 +51,38 @@ def with_constants(model: ReducedModel | Mechanism, parameters: DynamicParameter
             changes.setdefault(name.partition(":")[2], {})[kind] = value
     for name, change in changes.items():
         offset, stiffness = change.pop("offset", 0.0), change.get("stiffness", 0.0)
+        if "stribeck" in change:
+            change["breakaway"] = change["friction"] + change.pop("stribeck")
         if offset and not stiffness:
             raise InvalidInputError(
                 f"the joint '{name}' has an offset of {offset:.3g} and no stiffness, which no file states"
             )
         change["spring_reference"] = offset / stiffness if stiffness else 0.0
     return with_stated(replace(description, links=tuple(links.values())), changes)
+
+
+def stated_otherwise(
+    model: ReducedModel, links: Callable[[Link], Link], joints: Callable[[Joint], Joint]
+) -> ReducedModel:
+    """The model with other masses and other numbers of joints, in the same coordinates: closures stay as they are."""
+
+    def changed(stated: MechanismDescription) -> MechanismDescription:
+        return replace(stated, links=tuple(map(links, stated.links)), joints=tuple(map(joints, stated.joints)))
+
+    mechanism = model.mechanism
+    whole, held = changed(mechanism.description), mechanism.held and changed(mechanism.held)
+    tree = build_tree(held or whole, ROOT_JOINT in mechanism.tree.names)
+    return ReducedModel(replace(mechanism, description=whole, held=held, tree=tree), model.gravity_vector)
+
+
+def with_stribeck_speeds(model: ReducedModel, speeds: Mapping[str, float]) -> ReducedModel:
+    """The model whose joints have these Stribeck speeds, rad/s or m/s; 0: no such effect. Levels stay as stated."""
+
+    def joint(each: Joint) -> Joint:
+        speed = speeds.get(each.name, each.stribeck_speed)
+        return replace(each, stribeck_speed=speed, breakaway=each.breakaway if speed else 0.0)
+
+    return stated_otherwise(model, lambda link: link, joint) if speeds else model
 
 
 def bodies(parameters: DynamicParameters) -> list[slice]:

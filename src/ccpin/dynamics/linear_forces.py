@@ -1,6 +1,7 @@
 """The equations of motion as a matrix times constants: Y(q, q̇, q̈) π = D q̈ + C q̇ + damping q̇ + g + ρᵀf (22).
 
-π is `ccpin.dynamics.parameters`, f Coulomb's friction c sign(q̇′) of every joint, driven or not. For Slotine and Li's
+π is `ccpin.dynamics.parameters`, f the dry friction [c + (s − c) exp(−(q̇′/v_s)²)] sign(q̇′) of every joint, driven
+or not. For Slotine and Li's
 law the velocity that C multiplies is another one, Y_r π = D q̈_r + C(q̇) q̇_r + g, with the C of (24):
 Christoffel's in the free system, so that Ḋ − 2C is skew symmetric.
 
@@ -72,7 +73,7 @@ def regressor(
     wrench = _momentum(A - 0.5 * _crossed(V, V_r))
     wrench += 0.5 * (_force_crossed(V, _momentum(V_r)) + _force_crossed(V_r, _momentum(V)))
     bodies = np.einsum("sbin,sbik->snbk", twists, wrench)
-    joints = [_joint_columns(j, rho, q_free, a_free, v_r_free, np.sign(v_free)) for j in tree.joints]
+    joints = [_joint_columns(j, rho, q_free, a_free, v_r_free, v_free) for j in tree.joints]
     return np.concatenate([bodies.reshape(*rho.shape[::2], BODY * len(tree.joints)), *joints], axis=2)
 
 
@@ -137,19 +138,24 @@ def _force_crossed(V: Array, wrenches: Array) -> Array:
     return np.concatenate([turn @ linear, turn @ moment + skew(V[..., :3]) @ linear], axis=-2)
 
 
-def _joint_columns(joint: TreeJoint, rho: Array, q_free: Array, a: Array, v_r: Array, way: Array) -> Array:
+def _joint_columns(joint: TreeJoint, rho: Array, q_free: Array, a: Array, v_r: Array, v: Array) -> Array:
     """Columns of a joint's own constants, of shape (N, n, kinds)."""
-    v, ones = joint.v, np.ones((len(q_free), 1))
-    stretch = _stretch(joint, q_free) if joint.kind.springs else ones
-    each = (a[:, v], v_r[:, v], way[:, v], stretch, -ones)[: len(joint_kinds(joint))]
-    return np.asarray(rho[:, v].swapaxes(1, 2) @ np.stack(np.broadcast_arrays(*each), axis=2))
+    own, kinds = joint.v, joint_kinds(joint)
+    each = {"armature": a[:, own], "damping": v_r[:, own], "friction": np.sign(v[:, own])}
+    each["offset"] = -np.ones((len(q_free), 1))
+    if "stiffness" in kinds:
+        each["stiffness"] = _stretch(joint, q_free)
+    if "stribeck" in kinds:
+        each["stribeck"] = each["friction"] * np.exp(-((v[:, own] / joint.stated.stribeck_speed) ** 2))
+    columns = np.stack(np.broadcast_arrays(*(each[kind] for kind in kinds)), axis=2)
+    return np.asarray(rho[:, own].swapaxes(1, 2) @ columns)
 
 
 def _joint_energy(joint: TreeJoint, q_free: Array, v_free: Array) -> Array:
     """Energy for a unit of a joint's own constants: dampers and friction hold none."""
     stretch = _stretch(joint, q_free[None])[0] if joint.kind.springs else np.zeros(1)
-    each = (0.5 * v_free[joint.v] @ v_free[joint.v], 0.0, 0.0, 0.5 * stretch @ stretch, -stretch[0])
-    return np.array(each[: len(joint_kinds(joint))])
+    each = {"armature": 0.5 * v_free[joint.v] @ v_free[joint.v], "stiffness": 0.5 * stretch @ stretch}
+    return np.array([each.get(kind, -stretch[0] if kind == "offset" else 0.0) for kind in joint_kinds(joint)])
 
 
 def _stretch(joint: TreeJoint, q_free: Array) -> Array:

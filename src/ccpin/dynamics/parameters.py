@@ -3,8 +3,9 @@
 `kind:NAME`, NAME a link (the one that a movable joint carries; what is fixed to it counts with it) or a movable joint:
 `mass`, the first moments `mx`, `my`, `mz` and the inertias `Ixx`, `Ixy`, `Iyy`, `Ixz`, `Iyz`, `Izz` about the origin
 and in the axes of the joint's moving frame (Pinocchio's order); `armature` (of a motor behind gears: the squared ratio
-times the rotor's inertia), `damping`, `friction` (Coulomb's level), and of joints that can have a spring `stiffness` k
-and `offset` kθ₀, a constant effort on the joint (a ball's spring pulls to no turn: it has none).
+times the rotor's inertia), `damping`, `friction` (Coulomb's level c), of joints that can have a spring `stiffness` k
+and `offset` kθ₀, a constant effort on the joint (a ball's spring pulls to no turn: it has none), and of joints that
+state a Stribeck speed `stribeck`, by how much the breakaway level is above Coulomb's, s − c.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from ccpin.arrays import Array, Indices, Record, choice
 from ccpin.kinematics.tree import Tree, TreeJoint
 
 INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-KINDS = (*INERTIAL, "armature", "damping", "friction", "stiffness", "offset")
+KINDS = (*INERTIAL, "armature", "damping", "friction", "stiffness", "offset", "stribeck")
 BODY = len(INERTIAL)
 _EACH = ("N m", "N")  # of a joint that turns, or slides
 _UNITS = {
     **dict.fromkeys(INERTIAL, ("kg m²",) * 2), **dict.fromkeys(("mx", "my", "mz"), ("kg m",) * 2), "mass": ("kg",) * 2,
     "armature": ("kg m²", "kg"), "damping": ("N m s/rad", "N s/m"), "friction": _EACH, "stiffness": ("N m/rad", "N/m"),
-    "offset": _EACH,
+    "offset": _EACH, "stribeck": _EACH,
 }  # fmt: skip
 
 
@@ -60,7 +61,8 @@ class DynamicParameters(Record):
 
 def joint_kinds(joint: TreeJoint) -> tuple[str, ...]:
     """The kinds of parameters that a joint has, in order."""
-    return KINDS[BODY:] if joint.kind.nq == 1 else KINDS[BODY:-1] if joint.kind.springs else KINDS[BODY:-2]
+    springs = ("stiffness", "offset") if joint.kind.nq == 1 else ("stiffness",) if joint.kind.springs else ()
+    return ("armature", "damping", "friction", *springs, *(("stribeck",) if joint.stated.stribeck_speed else ()))
 
 
 def dynamic_parameters(tree: Tree) -> DynamicParameters:
@@ -83,5 +85,6 @@ def _joints(tree: Tree) -> Iterator[tuple[str, str, str, float]]:
         for kind in joint_kinds(joint):
             unit = " or ".join(_UNITS[kind][slide] for slide in sorted(slides))
             stated = joint.stated
-            value = stated.stiffness * stated.spring_reference if kind == "offset" else getattr(stated, kind)
-            yield kind, joint.name, unit, float(value)
+            made = {"offset": stated.stiffness * stated.spring_reference}
+            made["stribeck"] = stated.breakaway_level - stated.friction
+            yield kind, joint.name, unit, float(made[kind] if kind in made else getattr(stated, kind))

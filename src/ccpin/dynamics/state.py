@@ -258,7 +258,7 @@ class State:
     # Linear in the constants π of the model (`ReducedModel.parameters`).
 
     def regressor(self, v: ArrayLike, a: ArrayLike, v_r: ArrayLike | None = None) -> Array:
-        """Y with Y π = D q̈ + C q̇ + damping q̇ + g + ρᵀf (22), of shape (n, p): `tau`, and friction f = c sign(q̇′).
+        """Y with Y π = D q̈ + C q̇ + damping q̇ + g + ρᵀf (22), of shape (n, p): `tau`, and f: dry friction, sliding.
 
         Args:
             v: q̇, of shape (n,).

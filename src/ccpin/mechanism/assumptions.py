@@ -19,7 +19,7 @@ _ROUNDING = 1e-12  # of the largest principal moment: one below is none
 
 def rubbing(mechanism: Mechanism) -> tuple[str, ...]:
     """The joints that state dry friction."""
-    return tuple(joint.name for joint in mechanism.tree.joints if joint.stated.friction)
+    return tuple(joint.name for joint in mechanism.tree.joints if joint.stated.breakaway_level)
 
 
 def without_dry_friction(mechanism: Mechanism) -> str:

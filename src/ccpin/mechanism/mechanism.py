@@ -150,7 +150,8 @@ class Mechanism(Record):
         tree, physics, motors = self.tree, self.joints, self.motors
         masses: list[Any] = [(body.mass, body.lever, body.inertia) for body in tree.model.inertias]
         moved = ("damping", "stiffness", "spring_reference", "armature")
-        kept = ("friction", "effort", "velocity")
+        stribeck = ("breakaway", "stribeck_speed") if (physics.breakaway > physics.friction).any() else ()
+        kept = ("friction", *stribeck, "effort", "velocity")
         return Digests(
             name=f"mechanism '{self.name}'",
             closures=digest((tree, (*self.closures, *self.locks), self.couplings, self.independent)),

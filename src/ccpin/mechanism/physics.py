@@ -18,7 +18,9 @@ class JointPhysics(NamedTuple):
     Attributes:
         names: ``joint`` or ``joint:axis``.
         damping: b of the force −b q̇′, N m s/rad or N s/m; in every equation of motion.
-        friction: Coulomb levels, N m or N; what `ccpin.simulate` takes where it is told no other.
+        friction: Coulomb levels, N m or N. With the next two what `ccpin.simulate` takes where it is told no other.
+        breakaway: Breakaway levels, N m or N, the Coulomb ones where a joint states no other.
+        stribeck_speed: rad/s or m/s; 0 of joints without a Stribeck effect.
         stiffness: k of the force −k (θ − θ₀), N m/rad or N/m; part of g and of the potential energy.
         spring_reference: θ₀, rad or m; zero for a ball joint, whose spring pulls by −k log R.
         armature: Reflected rotor inertias, kg m² or kg; part of D.
@@ -29,6 +31,8 @@ class JointPhysics(NamedTuple):
     names: tuple[str, ...]
     damping: Array
     friction: Array
+    breakaway: Array
+    stribeck_speed: Array
     stiffness: Array
     spring_reference: Array
     armature: Array
@@ -42,7 +46,7 @@ def joint_physics(tree: Tree) -> JointPhysics:
     for field in JointPhysics._fields[1:]:
         values = np.zeros(tree.model.nv)
         for joint in tree.joints:
-            values[joint.v] = getattr(joint.stated, field)
+            values[joint.v] = getattr(joint.stated, "breakaway_level" if field == "breakaway" else field)
         columns[field] = frozen(values)
     return JointPhysics(tuple(component_names(tree)), **columns)
 

@@ -83,7 +83,7 @@ def about(transmission: Transmission, middle: Posture, friction: Array, of: str)
     levels = np.zeros(len(held.near))
     for name, joint in joints.items():
         own = of == "speed" or name in transmission.joints
-        level = 0.0 if own else tree.joints[joint.number - 1].stated.friction
+        level = 0.0 if own else tree.joints[joint.number - 1].stated.breakaway_level
         if level and joint.turning_axes:
             raise UnsupportedMechanismError(f"dry friction of joint '{name}', which turns about several axes")
         levels[joint.x] = level

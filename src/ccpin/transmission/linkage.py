@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Set
+from collections.abc import Set
 from dataclasses import replace
 
-from ccpin.description.model import Joint, Link, MechanismDescription
+from ccpin.description.model import Joint, MechanismDescription
+from ccpin.dynamics.changed_constants import stated_otherwise
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.kinematics.tree import ROOT_JOINT, Tree, build_tree
+from ccpin.kinematics.tree import Tree
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.transmission.sides import Sides
 
@@ -52,15 +53,9 @@ def stated_of(mechanism: Mechanism) -> MechanismDescription:
 
 def massless(joint: Joint) -> Joint:
     """A joint that takes no effort."""
-    return replace(joint, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0)
+    return replace(frictionless(joint), armature=0.0, damping=0.0, stiffness=0.0)
 
 
-def stated_otherwise(
-    model: ReducedModel, links: Callable[[Link], Link], joints: Callable[[Joint], Joint]
-) -> ReducedModel:
-    """The model with other masses and other numbers of joints, in the same coordinates: closures stay as they are."""
-    mechanism, stated = model.mechanism, stated_of(model.mechanism)
-    own = replace(stated, links=tuple(map(links, stated.links)), joints=tuple(map(joints, stated.joints)))
-    return ReducedModel(
-        replace(mechanism, tree=build_tree(own, ROOT_JOINT in mechanism.tree.names)), model.gravity_vector
-    )
+def frictionless(joint: Joint) -> Joint:
+    """A joint without dry friction."""
+    return replace(joint, friction=0.0, breakaway=0.0, stribeck_speed=0.0)

@@ -182,7 +182,7 @@ def _sought(
         return Sought(of, form, stated_speeds(model, names, rows, speed), np.zeros(transmission.n))
     least, most = stated_efforts(model, names, effort)
     stated = model.mechanism.joints
-    level = np.array(stated.friction[rows]) if friction is None else one_each(names, friction, "friction")
+    level = np.array(stated.breakaway[rows]) if friction is None else one_each(names, friction, "friction")
     fastest = np.zeros(transmission.n) if speed is None else one_each(names, speed, "speed")
     room = up_to_speed(model, motors, stated.damping[rows], fastest, np.minimum(most, -least))
     if not (room > level).all():

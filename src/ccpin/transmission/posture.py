@@ -242,7 +242,7 @@ class Posture:
         lower, upper = stated_efforts(models.joint, models.motors.names, effort)
         if motors is not None and instance(motors, "motors", MotorModel).speeds:
             lower, upper = at_speed(models.joint, motors, self.state, velocity, lower, upper)
-        stated = models.joint.mechanism.joints.friction[models.motors.rows]
+        stated = models.joint.mechanism.joints.breakaway[models.motors.rows]
         level = stated if friction is None else one_each(models.motors.names, friction, "friction")
         lower, upper = less_friction(lower, upper, level, moving)
         return Polytope(self.jacobian.T, self.inverse.T, lower, upper, models.joints.names, models.motors.names)

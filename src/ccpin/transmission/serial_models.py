@@ -6,9 +6,10 @@ from collections.abc import Mapping, Set
 from dataclasses import replace
 
 from ccpin.description.model import Joint
+from ccpin.dynamics.changed_constants import stated_otherwise
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.transmission.equivalent_masses import Additions
-from ccpin.transmission.linkage import massless, stated_otherwise
+from ccpin.transmission.linkage import frictionless, massless
 from ccpin.transmission.transmission import Transmission
 
 
@@ -34,7 +35,7 @@ def added_alone(
             return massless(joint)
         own = massless(joint) if joint.name in transmission.motors else joint
         damping, stiffness = (getattr(joints[joint.name], it) - getattr(own, it) for it in ("damping", "stiffness"))
-        return replace(joint, armature=armatures[joint.name], damping=damping, friction=0.0, stiffness=stiffness)
+        return replace(frictionless(joint), armature=armatures[joint.name], damping=damping, stiffness=stiffness)
 
     return stated_otherwise(
         transmission.joint_model,

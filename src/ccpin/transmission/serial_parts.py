@@ -13,7 +13,7 @@ from ccpin.description.model import Joint, Link, MechanismDescription, Motor, So
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.points import LinkPoint
 from ccpin.transmission.equivalent_masses import Additions, Ground, PointMass, second_moments
-from ccpin.transmission.linkage import carriers, serial_links, stated_of
+from ccpin.transmission.linkage import carriers, frictionless, serial_links, stated_of
 from ccpin.transmission.posture import Posture
 from ccpin.transmission.serial_range import Reached
 from ccpin.transmission.transmission import Transmission
@@ -105,7 +105,7 @@ def with_additions(
 ) -> dict[str, Joint]:
     """The joints with range and armatures, and the mean of dampers and dry friction as felt over it, or at a posture.
 
-    Dry friction is felt as if all joints of the linkage slid: |ρ|ᵀ f′.
+    Dry friction is felt as if all joints of the linkage slid, beyond their Stribeck speeds: |ρ|ᵀ f′.
     """
     felt = found.grid if at is None else (at,)
     levels = transmission.joint_model.mechanism.joints.friction
@@ -114,7 +114,7 @@ def with_additions(
     lower, upper, armatures = found.lower.tolist(), found.upper.tolist(), added.armatures.tolist()
     return {
         name: replace(
-            joint,
+            frictionless(joint),
             kind="revolute" if joint.kind == "continuous" else joint.kind,
             lower=lower[k],
             upper=upper[k],

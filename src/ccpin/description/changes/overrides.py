@@ -24,8 +24,8 @@ def with_stated(
 
     Args:
         description: What the file says.
-        joints: By joint name, of `Joint`: damping, friction, stiffness, spring_reference, armature, effort, velocity,
-            lower, upper.
+        joints: By joint name, of `Joint`: damping, friction, breakaway, stribeck_speed, stiffness, spring_reference,
+            armature, effort, velocity, lower, upper.
         motors: By joint name, of `Motor`: gear, lower, upper. A joint that the file gives no motor gets one to be used
             where it is actuated.
 

@@ -41,7 +41,7 @@ def scaled(
         lengths: By link: everything placed on it, in all three directions: joints, closure points, centre of mass,
             pictures; its mass is kept, its rotational inertia is multiplied by the square. Factors of several links
             must fit together for the loops to close.
-        friction: By joint, its Coulomb level.
+        friction: By joint, its Coulomb and breakaway levels.
         damping: By joint.
         stiffness: By joint.
         armature: By joint.
@@ -59,6 +59,7 @@ def scaled(
             raise InvalidInputError(f"lengths: the factor of '{name}' is {factor}; it must be positive")
     given = zip(_JOINT_FIELDS, (friction, damping, stiffness, armature), strict=True)
     stated = {field: _factors(field, factors, joints) for field, factors in given}
+    stated["breakaway"] = stated["friction"]
     return check(
         replace(
             description,

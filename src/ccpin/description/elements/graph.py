@@ -166,7 +166,7 @@ def as_loop(connection: Connection, *, keep: bool = False) -> ConnectionParts:
 
 def has_force(joint: Joint) -> bool:
     """Whether a joint's own damping, friction, spring or rotor acts on the mechanism."""
-    return any((joint.damping, joint.friction, joint.stiffness, joint.armature))
+    return any((joint.damping, joint.breakaway_level, joint.stiffness, joint.armature))
 
 
 def limited(joint: Joint) -> bool:

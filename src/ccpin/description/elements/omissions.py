@@ -48,6 +48,7 @@ _STATED: dict[str, Callable[[MechanismDescription], list[str]]] = {
         j.name for j in d.joints if j.effort == 0.0 or (np.isfinite(j.effort) and j.kind in _MANY)
     ],
     "limits of velocity": _limited("velocity"),
+    "breakaway levels and Stribeck speeds": lambda d: [j.name for j in d.joints if j.breakaway_level > j.friction],
     "limits of position on one side": lambda d: [
         j.name for j in d.joints if np.isfinite(j.lower) != np.isfinite(j.upper)
     ],

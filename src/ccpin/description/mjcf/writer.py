@@ -59,7 +59,7 @@ def write_mjcf(description: MechanismDescription, path: str | Path) -> tuple[str
     writer = _MjcfWriter(description, Path(path).parent)
     saved(writer.document(), path)
     words = ("which joints are independent", "limits of velocity", "limits of position on one side", _EFFORTS)
-    motors = ("bounds of motors on one side", "the loops closed around motors")
+    motors = ("bounds of motors on one side", "the loops closed around motors", "breakaway levels and Stribeck speeds")
     meshes = "meshes that are not there or neither STL, OBJ nor MSH"
     told = (*left_out(description, "MJCF", *words, *motors), *not_written("MJCF", meshes, writer.undrawn))
     return (*told, *_softly_held(description))

@@ -65,6 +65,7 @@ def write_sdf(description: MechanismDescription, path: str | Path) -> tuple[str,
         "further poses",
         "which joints are independent",
         "motors",
+        "breakaway levels and Stribeck speeds",
         "what the file tells MuJoCo's solver",
     )
     told = left_out(description, "SDFormat", *words)

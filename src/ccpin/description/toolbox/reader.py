@@ -120,7 +120,7 @@ def _override(description: MechanismDescription, overrides: dict[str, str], sour
         if kind is None:
             joints.append(joint)
             continue
-        words = {"rotor inertia": joint.armature, "damping": joint.damping, "friction": joint.friction}
+        words = {"rotor inertia": joint.armature, "damping": joint.damping, "friction": joint.breakaway_level}
         lost = [word for word, value in (words | {"spring": joint.stiffness}).items() if value]
         if lost:
             notes.append(f"{source}: joint '{joint.name}' becomes {kind} and loses its {', '.join(lost)}")

@@ -12,16 +12,18 @@ from ccpin.description.joint_kinds import FIXED
 from ccpin.description.model import Joint, Motor
 from ccpin.description.names import nearest
 
-_DYNAMICS = {"damping": 1, "friction": 1, "armature": 1}  # one number an attribute
+DYNAMICS = dict.fromkeys(("damping", "friction", "armature", "breakaway", "stribeck_speed"), 1)
+"""The attributes of <dynamics>, one number each; the last three are ccpin's own."""
 _GAZEBO = {"springStiffness": "stiffness", "springReference": "spring_reference"}
 _REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
 _SIMPLE = "SimpleTransmission"
 
 
 def read_dynamics(element: XmlElement, notes: list[str]) -> dict[str, float]:
-    """The damping, friction and armature of a <joint>: <dynamics>, or <joint_properties> as it was called once.
+    """What the <dynamics> of a <joint> say, or its <joint_properties> as they were called once.
 
-    URDF has no word for the rotor inertia of a joint without a motor; ``armature`` is MuJoCo's, and ccpin's own here.
+    URDF has no word for the rotor inertia of a joint without a motor; ``armature`` is MuJoCo's, and ccpin's own here,
+    as are ``breakaway`` and ``stribeck_speed``.
 
     Raises:
         DescriptionError: An attribute is not a number, or nearly the name of one that exists.
@@ -29,9 +31,9 @@ def read_dynamics(element: XmlElement, notes: list[str]) -> dict[str, float]:
     found: dict[str, float] = {}
     for name in ("joint_properties", "dynamics"):
         for stated in element.iterfind(name):
-            found |= {key: value for key, (value,) in numeric_attributes(stated, _DYNAMICS).items()}
-            for attribute in set(stated.attrib) - set(_DYNAMICS):
-                meant = nearest(attribute, _DYNAMICS)
+            found |= {key: value for key, (value,) in numeric_attributes(stated, DYNAMICS).items()}
+            for attribute in set(stated.attrib) - set(DYNAMICS):
+                meant = nearest(attribute, DYNAMICS)
                 if meant:
                     raise fail(stated, f"unknown attribute '{attribute}'; did you mean '{meant}'?")
                 notes.append(f"joint '{element.get('name')}': {attribute} of its <{name}> is not read")

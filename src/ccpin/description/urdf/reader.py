@@ -35,7 +35,7 @@ from ccpin.description.model import (
     Visual,
 )
 from ccpin.description.urdf.dialects import marked_independent, read_marks
-from ccpin.description.urdf.joint_forces import read_drive, read_dynamics, with_forces
+from ccpin.description.urdf.joint_forces import DYNAMICS, read_drive, read_dynamics, with_forces
 from ccpin.description.urdf.spanning import extension_joints, onshape_closures, read_graph
 from ccpin.description.urdf.words import check_words
 from ccpin.errors import DescriptionError
@@ -48,7 +48,7 @@ NUMERIC: dict[str, dict[str, int]] = {
     "mass": {"value": 1},
     "inertia": {"ixx": 1, "ixy": 1, "ixz": 1, "iyy": 1, "iyz": 1, "izz": 1},
     "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
-    "dynamics": {"damping": 1, "friction": 1, "armature": 1},
+    "dynamics": DYNAMICS,
     "mimic": {"multiplier": 1, "offset": 1},
     "box": {"size": 3},
     "cylinder": {"radius": 1, "length": 1},

@@ -28,6 +28,7 @@ from ccpin.description.model import (
 EARTH = (0.0, 0.0, -9.81)  # m/s², gravity where a file states none
 _DRAKE = "http://drake.mit.edu"
 _UNDRAWN = ("capsule", "ellipsoid")
+_OWN = ("armature", "breakaway", "stribeck_speed")  # attributes of <dynamics> that ccpin alone reads
 
 
 def write_urdf(description: MechanismDescription, path: str | Path, loops: str = "plus") -> tuple[str, ...]:
@@ -35,8 +36,9 @@ def write_urdf(description: MechanismDescription, path: str | Path, loops: str =
 
     Linear couplings of two joints become mimic joints, springs Gazebo's elements, gears mechanical reductions, poses
     <group_state>s. Notes, bounds and gains of motors, and shapes URDF has no element for (capsules, ellipsoids) are not
-    written. The rotor inertia of a joint without a motor is ``armature`` of its <dynamics>, gravity other than the
-    Earth's along −z a <gravity> below <robot>: both are read by ccpin alone.
+    written. The rotor inertia of a joint without a motor is ``armature`` of its <dynamics>, a Stribeck effect
+    ``breakaway`` and ``stribeck_speed``, gravity other than the Earth's along −z a <gravity> below <robot>: all are
+    read by ccpin alone.
 
     Args:
         description: What to write.
@@ -65,21 +67,25 @@ def write_urdf(description: MechanismDescription, path: str | Path, loops: str =
         CLOSING[loops](root, closure, description)
     if description.gravity != EARTH:
         etree.SubElement(root, "gravity", xyz=written(description.gravity))
-    armature = {joint.name: joint.armature for joint in description.joints if joint.armature}
+    own = {
+        joint.name: {word: getattr(joint, word) for word in _OWN if getattr(joint, word)}
+        for joint in description.joints
+    }
     motors = {motor.joint: motor for motor in description.motors}
     for name in description.actuated or ():
         stated = motors.get(name, Motor(name, name))
         drive = etree.SubElement(root, "transmission", name=f"{name}_motor")
         etree.SubElement(drive, "joint", name=name)
         actuator = etree.SubElement(drive, "actuator", name=stated.name)
-        etree.SubElement(actuator, "rotor_inertia", value=str(armature.pop(name, 0.0)))
+        etree.SubElement(actuator, "rotor_inertia", value=str(own.get(name, {}).pop("armature", 0.0)))
         if stated.gear != 1.0:
             etree.SubElement(actuator, "mechanicalReduction").text = str(stated.gear)
-    for name, inertia in armature.items():
+    for name, ours in own.items():
         dynamics = joints[name].find("dynamics")
-        if dynamics is None:  # other readers refuse one that says neither
+        if dynamics is None and ours:  # other readers refuse one that says neither
             dynamics = etree.SubElement(joints[name], "dynamics", damping="0.0", friction="0.0")
-        dynamics.set("armature", str(inertia))
+        for word, value in ours.items():
+            dynamics.set(word, str(value))
     for joint in description.joints:
         if joint.stiffness:
             spring = etree.SubElement(root, "gazebo", reference=joint.name)

@@ -153,7 +153,7 @@ class AdaptiveTracking(ModelLaw):
             InvalidInputError: It is not in the box.
         """
         stated = self.model.parameters
-        rubbing = np.array([kind == "friction" for kind in stated.kinds])
+        rubbing = np.isin(np.arange(len(stated)), stated.of("friction", "stribeck"))
         found = self.known + self.basis @ self.within(estimate, "estimate")
         return replace(stated, values=np.where(rubbing, stated.values, found))
 

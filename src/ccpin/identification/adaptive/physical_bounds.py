@@ -83,7 +83,7 @@ def constant_box(
         if name.partition(":")[0] in _AT_LEAST_ZERO and below < 0.0:
             raise InvalidInputError(f"bounds of {name}: {below:g} is negative")
     known = np.where((basis != 0.0).any(axis=1), 0.0, parameters.values)
-    known[parameters.of("friction")] = 0.0
+    known[parameters.of("friction", "stribeck")] = 0.0
     units = tuple(
         parameters.units[int(row.argmax())] if alone else "1" for row, alone in zip(basis.T, single, strict=True)
     )

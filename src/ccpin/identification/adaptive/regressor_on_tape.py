@@ -39,8 +39,8 @@ def recorded_regressor(scene: TapedModel, v_r: Table, a_r: Table) -> Table:
     v_r_free = motion.rho @ v_r
     for held, joint, stretch in zip(own.joints, tree.joints, seen.stretches, strict=True):
         rho, none = motion.rho[held.v], np.zeros(held.kind.nv, dtype=object)
-        each = (a_free[held.v], v_r_free[held.v], none, none if stretch is None else stretch, none - 1)
-        columns.append(rho.T @ np.stack(each[: len(joint_kinds(joint))], axis=1))
+        each = {"armature": a_free[held.v], "damping": v_r_free[held.v], "stiffness": stretch, "offset": none - 1}
+        columns.append(rho.T @ np.stack([each.get(kind, none) for kind in joint_kinds(joint)], axis=1))
     return np.concatenate(columns, axis=1).reshape(n, -1)
 
 

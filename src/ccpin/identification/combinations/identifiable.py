@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from ccpin.arrays import Array, Indices, choice, instance, records, whole
+from ccpin.dynamics.changed_constants import with_stribeck_speeds
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError, UnsupportedMechanismError
@@ -103,7 +104,8 @@ def base_parameters(
 ) -> BaseParameters:
     """How many combinations of a mechanism's constants its equations of motion show, proved as far as can be.
 
-    What encoders of passive joints tell is q′, which closures make known anyway: they add no combination.
+    What encoders of passive joints tell is q′, which closures make known anyway: they add no combination. Stribeck's
+    friction, where a joint states it, is left out: what is counted are the combinations of all other constants.
 
     Args:
         mechanism: A mechanism, or a model with its gravity.
@@ -120,6 +122,7 @@ def base_parameters(
         CcpinError: python-flint is not installed.
     """
     model, bits = model_of(mechanism), whole(precision, "precision", 53)
+    model = with_stribeck_speeds(model, {j.name: 0.0 for j in model.mechanism.tree.joints if j.stated.stribeck_speed})
     wanted, plate = None if states is None else whole(states, "states"), instance(base, "base", bool)
     names, added = _sensors(model, forces), dict[str, tuple[int, int]]()
     found = _bounds(model, (), False, wanted, bits)

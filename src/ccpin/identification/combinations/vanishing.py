@@ -130,7 +130,7 @@ def identities(
             whole = handed(number, z[:BODY], body.parent, _moved(z[:BODY], frame))
             whole[count] = z[BODY]
             if "offset" in body.kinds:
-                whole[count + len(body.kinds) - 1] = z[BODY + 1]
+                whole[count + body.kinds.index("offset")] = z[BODY + 1]
         count += len(body.kinds)
     for closure in ends:
         frames = _table(closure.frame_a), _table(closure.frame_b)

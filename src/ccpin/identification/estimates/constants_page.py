@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ccpin.dynamics.parameters import DynamicParameters
-from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.identification.estimates.estimation import Estimate
 from ccpin.identification.estimates.explained_efforts import Explained
-from ccpin.identification.estimates.residual_figures import efforts_figure, residuals_figure
+from ccpin.identification.estimates.residual_figures import efforts_figure, friction_figure, residuals_figure
 from ccpin.pages.html_page import Section, render
 from ccpin.pages.parts import figure, paragraphs, table
 
@@ -16,7 +15,6 @@ _CHANGED = 1e-12  # SI units: less is a solver's rounding
 
 
 def estimate_page(
-    model: ReducedModel,
     estimate: Estimate,
     chosen: DynamicParameters,
     logs: Sequence[tuple[str, Explained, Explained]],
@@ -24,12 +22,11 @@ def estimate_page(
     """The page as HTML.
 
     Args:
-        model: The mechanism as it is described.
         estimate: What its logs tell.
         chosen: The constants that were taken.
         logs: Of each log its name, what the description explains of it, and what the constants do.
     """
-    used, left = estimate.samples
+    model, (used, left) = estimate.model, estimate.samples
     told = (
         f"{len(estimate.values)} combinations of constants from {used} samples; {left} more were left out, at which a "
         "joint may have stood. A combination cannot be told apart further by these motions and sensors: all constants "
@@ -69,16 +66,40 @@ def estimate_page(
                     residuals_figure(after),
                     f"What the constants taken leave of {name}, outliers drawn at five standard deviations. Left, "
                     "beside Gaussian noise of its median size; middle, the band that 95 % of white noise keeps within: "
-                    "what leaves it no constant explains, or noise hangs together; right, where friction that is "
-                    "not Coulomb's and viscous would show",
+                    "what leaves it no constant explains, or noise hangs together; right, where friction that "
+                    "these constants have no word for would show",
                 ),
             )
         )
+    if estimate.stribeck:
+        sections.append(Section("friction", "Friction that falls with speed", _friction(estimate)))
     sections.append(Section("held-out", "What was not seen", _unseen(estimate)))
     sections.append(Section("clocks", "Clocks", _clocks(estimate)))
     sections.append(Section("noise", "Noise and outliers", _noise(estimate)))
     sections.append(Section("constants", "Constants taken", table(["constant", "stated", "taken", "unit"], constants)))
     return render(f"{model.mechanism.title}: from logs to constants", "Y π = ρᵀSᵀu, weighted least squares", sections)
+
+
+def _friction(estimate: Estimate) -> str:
+    """Levels and speeds of each joint that was asked for, and the curves of those of which they are told."""
+    told = (
+        "[c + (s − c) exp(−(v/v_s)²)] sign v: Coulomb level c, breakaway level s and Stribeck speed v_s, N m or N "
+        "and rad/s or m/s, with standard deviations; 95 % of the profile likelihood of v_s; and by how much less is "
+        "left of the efforts than with Coulomb's level alone, in squares of their deviations, beside what two "
+        "constants have to explain for their place."
+    )
+    rows = []
+    for each in estimate.stribeck:
+        levels = [f"{x:.4g} ± {off:.2g}" for x, off in zip(each.values, each.deviations, strict=True)]
+        between = f"{each.interval[0]:.4g} to {each.interval[1]:.4g}"
+        gain = f"{each.gain:.4g} of {each.due:.3g}"
+        rows.append([f"`{each.joint}`", *([*levels, between] if not each.reason else [""] * 4), gain, each.reason])
+    body = paragraphs(told) + table(["joint", "c", "s", "v_s", "v_s between", "explains", "why none"], rows)
+    found = [each for each in estimate.stribeck if not each.reason]
+    if not found:
+        return body
+    words = "Dry friction against speed, N m or N and rad/s or m/s, ± two standard deviations; upright, where v_s is"
+    return body + figure(friction_figure(found), words)
 
 
 def _unseen(estimate: Estimate) -> str:
@@ -88,10 +109,16 @@ def _unseen(estimate: Estimate) -> str:
         "the file's constants miss, and of what was measured, N m or N, coordinate by coordinate."
     )
     rows = [
-        [each.where, str(each.samples), *(", ".join(f"{x:.3g}" for x in sizes) for sizes in each[2:])]
+        [
+            each.where,
+            str(each.samples),
+            *(", ".join(f"{x:.3g}" for x in sizes) for sizes in each[2:] if sizes is not None),
+        ]
         for each in estimate.held_out
     ]
-    return paragraphs(told) + table(["held out", "samples", "missed", "by the file's", "measured"], rows)
+    head = ["held out", "samples", "missed", "by the file's", "measured"]
+    without = any(each.coulomb is not None for each in estimate.held_out)
+    return paragraphs(told) + table([*head, *(["without Stribeck's friction"] if without else [])], rows)
 
 
 def _clocks(estimate: Estimate) -> str:

@@ -23,6 +23,7 @@ class EffortSamples(NamedTuple):
         motion: The smoothed log.
         chosen: Which of its times count, by number, of shape (K,). left: How many with efforts do not.
         stretch: Of each the number of a stretch without gaps in which no joint turns back, of shape (K,).
+        rates: q̇′, of shape (K, n′).
         Y: The regressor, of shape (K, n, p). force: ρᵀSᵀu as measured, of shape (K, n).
     """
 
@@ -30,6 +31,7 @@ class EffortSamples(NamedTuple):
     chosen: Indices
     left: int
     stretch: Indices
+    rates: Array
     Y: Array
     force: Array
 
@@ -51,7 +53,9 @@ def samples_of(model: ReducedModel, motion: Smoothed, rubbing: bool) -> EffortSa
     ways, apart = np.sign(rates[turning]), np.diff(motion.t[chosen])
     gaps = apart > _GAP * np.median(np.diff(motion.t[rows])) if len(apart) else apart > 0.0
     stretch = np.cumsum(np.r_[0, (ways[1:] != ways[:-1]).any(axis=1) | gaps])[: len(chosen)]
-    return EffortSamples(motion, chosen, int(len(rows) - len(chosen)), stretch, Y, motion.forces(model, chosen))
+    return EffortSamples(
+        motion, chosen, int(len(rows) - len(chosen)), stretch, rates[turning], Y, motion.forces(model, chosen)
+    )
 
 
 def effort_outliers(

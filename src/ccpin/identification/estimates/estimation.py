@@ -9,7 +9,8 @@ Journal of Robotics Research 5, 1986; M. Gautier, Numerical calculation of the b
 
 A constant of which something is known beforehand is told whether logs show it or not: V spans what motors feel and all
 such constants, and β̂ and C are the posterior's. A sample at which a joint with friction may turn either way within what
-its velocity is known to is left out.
+its velocity is known to is left out. Where Stribeck's friction is asked for, its speeds are found beside
+(`stribeck_search`).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from scipy.linalg import qr
 from scipy.special import gammaincinv
 
 from ccpin.arrays import Array, Indices, instance, positive, records
+from ccpin.dynamics.changed_constants import with_stribeck_speeds
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import ConvergenceError, InvalidInputError
@@ -32,6 +34,16 @@ from ccpin.identification.estimates.held_out import HeldOut, cross_validated, pa
 from ccpin.identification.estimates.output_error import Refined, refined
 from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit, fitted_robustly
 from ccpin.identification.estimates.stated_priors import Prior, stated_prior
+from ccpin.identification.estimates.stribeck_friction import (
+    FoundSpeeds,
+    StribeckFriction,
+    asked_joints,
+    stribeck_columns,
+    told_friction,
+    with_columns,
+    with_effect,
+)
+from ccpin.identification.estimates.stribeck_search import found_speeds
 from ccpin.identification.logs.log import Log
 from ccpin.identification.logs.smoothing import Outlier, Smoothed, smoothed
 from ccpin.mechanism.mechanism import Mechanism
@@ -58,6 +70,8 @@ class Estimate(NamedTuple):
         delays: How late each log's efforts are.
         motions: The smoothed logs.
         effects: How combinations follow from constants.
+        model: The mechanism that the constants are of: as it was given, with the Stribeck speeds that were found.
+        stribeck: What was found of the joints of which Stribeck's friction was asked for.
     """
 
     combinations: tuple[str, ...]
@@ -73,6 +87,8 @@ class Estimate(NamedTuple):
     delays: tuple[Delay, ...]
     motions: tuple[Smoothed, ...]
     effects: Effects
+    model: ReducedModel
+    stribeck: tuple[StribeckFriction, ...]
 
     def __repr__(self) -> str:
         used, left = self.samples
@@ -134,11 +150,17 @@ class Estimate(NamedTuple):
         return refined(model, self, logs, geometry, horizon)
 
     def table(self) -> str:
-        """Each combination, its value, its standard deviation and what the model states, a line each."""
+        """Each combination, its value, its deviation and what the model states, a line each; then Stribeck speeds."""
         rows = zip(self.combinations, self.values, self.deviations, self.stated, strict=True)
-        return "\n".join(
-            f"{value:12.5g} ± {off:9.2g}   stated {said:12.5g}   {name}" for name, value, off, said in rows
-        )
+        lines = [f"{value:12.5g} ± {off:9.2g}   stated {said:12.5g}   {name}" for name, value, off, said in rows]
+        for each in self.stribeck:
+            found = (
+                f"{each.values[2]:12.5g} ± {each.deviations[2]:9.2g}   {each.interval[0]:.4g} … {each.interval[1]:.4g}"
+            )
+            lines.append(
+                f"no Stribeck effect of {each.joint}: {each.reason}" if each.reason else f"{found}   speed:{each.joint}"
+            )
+        return "\n".join(lines)
 
 
 def identify(
@@ -151,6 +173,7 @@ def identify(
     prior: Mapping[str, float | str] | None = None,
     robust: bool = True,
     align: bool = False,
+    stribeck: bool | Sequence[str] = False,
 ) -> Estimate:
     """What logs tell of a mechanism's constants.
 
@@ -166,10 +189,13 @@ def identify(
             (`ccpin.identification.estimates.stated_priors`). Such constants are told apart where logs do not.
         robust: Leave out efforts that are more than five deviations off (`robust_fit`).
         align: Set the efforts' clocks right (`Log.delayed`), each log's by what leaves least of it.
+        stribeck: Look for a Stribeck effect of these joints (of one velocity), or of all, beside the kinds: breakaway
+            levels as ``stribeck:JOINT``, and speeds. What is told is `Estimate.model`'s; a joint of which the logs tell
+            none has Coulomb's friction.
 
     Raises:
-        InvalidInputError: No log, an effort was not measured, too few samples to tell anything, or a prior of what is
-            not looked for.
+        InvalidInputError: No log, an effort was not measured, too few samples to tell anything, a prior of what is
+            not looked for, or a Stribeck effect of joints without friction.
         UnsupportedMechanismError: A coordinate is a ball or a circle.
         ConvergenceError: Clocks that are so far apart that setting them right does not settle.
     """
@@ -179,7 +205,11 @@ def identify(
         raise InvalidInputError("no log: there is nothing to learn from")
     for name, value in (("robust", robust), ("align", align)):
         instance(value, name, bool, "True or False")
+    asked, given = asked_joints(model, stribeck), model
+    model = with_stribeck_speeds(given, dict.fromkeys(asked, 0.0))
     kinds = checked_kinds(kinds, model)
+    if asked and "friction" not in kinds:
+        raise InvalidInputError("stribeck: 'friction' is not among the kinds that are looked for")
     known = stated_prior(model.parameters, model.parameters.of(*kinds), prior)
     for log in logs:
         if missing := [name for name in model.mechanism.actuated if f"u_{name}" not in log.columns]:
@@ -198,9 +228,53 @@ def identify(
         taken = taken + delays[0]
         if turn == _MOST_TURNS - 1 or (np.abs(taken) > most).any():
             raise ConvergenceError(f"setting the efforts' clocks right does not settle: they seem to be {taken} s late")
+    plain = _Fitted(model, samples, found, rows, fit)
+    speeds = found_speeds(rows, stribeck_columns(model, samples, asked), robust)
+    best = _with_stribeck(given, plain, speeds, (*kinds, "stribeck"), prior, robust) if speeds.speeds else plain
+    delays = _further(best.samples, best.rows, best.fit)
     told = zip(logs, *delays, taken, strict=True)
     late = tuple(Delay(log.source, float(d + own), float(off), float(own)) for log, d, off, own in told)
-    return _estimate(model, samples, found, rows, fit, late)
+    return _estimate(best, plain if speeds.speeds else None, speeds, late)
+
+
+class _Fitted(NamedTuple):
+    """A model, samples of its motions, what they tell apart, W β = τ, and its fit; Stribeck speeds may follow β."""
+
+    model: ReducedModel
+    samples: Sequence[EffortSamples]
+    effects: Effects
+    rows: EffortRows
+    fit: RobustFit
+
+    @property
+    def stated(self) -> Array:
+        """β of the model's own constants."""
+        found = self.effects
+        return np.asarray(found.basis.T @ (found.scale * self.model.parameters.values[found.columns]))
+
+    @property
+    def beta(self) -> Array:
+        """β̂, of shape (r,)."""
+        return self.fit.beta[: self.rows.W.shape[2]]
+
+
+def _with_stribeck(
+    given: ReducedModel,
+    plain: _Fitted,
+    speeds: FoundSpeeds,
+    kinds: Sequence[str],
+    prior: Mapping[str, float | str] | None,
+    robust: bool,
+) -> _Fitted:
+    """The fit with an effect of the joints of which it is told; ∂(E δ)/∂v_s stand beside W."""
+    joints = dict.fromkeys(each.joint for each in speeds.told)
+    model = with_stribeck_speeds(given, dict.fromkeys(joints, 0.0) | speeds.speeds)
+    samples = [with_effect(plain.model, model, each, speeds) for each in plain.samples]
+    known = stated_prior(model.parameters, model.parameters.of(*kinds), prior)
+    found = _effects(model, samples, kinds, known)
+    rows = _rows(model, samples, found, known)
+    slopes = speeds.slopes(stribeck_columns(model, samples, tuple(speeds.speeds)))
+    return _Fitted(model, samples, found, rows, fitted_robustly(with_columns(rows, slopes), robust))
 
 
 def _effects(model: ReducedModel, samples: Sequence[EffortSamples], kinds: Sequence[str], known: Prior) -> Effects:
@@ -230,21 +304,15 @@ def _rows(model: ReducedModel, samples: Sequence[EffortSamples], found: Effects,
 
 def _further(samples: Sequence[EffortSamples], rows: EffortRows, fit: RobustFit) -> tuple[Array, Array]:
     """By how much the efforts of each log are later than was thought, with standard deviations."""
-    left = rows.left(fit.beta)
+    left = rows.left(fit.beta[: rows.W.shape[2]])
     parts = np.split(left, np.cumsum([len(each.chosen) for each in samples])[:-1])
     told = [slopes(s.t, s.stretch, s.force - missed) for s, missed in zip(samples, parts, strict=True)]
     return further_delays(fit, left, told, [slopes(s.t, s.stretch, s.force) for s in samples])
 
 
-def _estimate(
-    model: ReducedModel,
-    samples: Sequence[EffortSamples],
-    found: Effects,
-    rows: EffortRows,
-    fit: RobustFit,
-    late: tuple[Delay, ...],
-) -> Estimate:
+def _estimate(best: _Fitted, plain: _Fitted | None, speeds: FoundSpeeds, late: tuple[Delay, ...]) -> Estimate:
     """Words and values: s₁ + (V₁ᵀ)⁻¹V₂ᵀ s₂ = (V₁ᵀ)⁻¹ β, with s = S π and V₁ the rows of V that pivot."""
+    model, samples, found, rows, fit = best
     everything, scale, V = model.parameters, found.scale, found.basis
     r, stated = V.shape[1], everything.values[found.columns]
     first = pivots(found)
@@ -252,31 +320,38 @@ def _estimate(
     multiples = np.zeros((r, len(everything)))
     multiples[:, found.columns] = (turned @ V.T) * scale / scale[first][:, None]
     multiples[np.abs(multiples) < _COUNTS * np.abs(multiples).max(axis=1, keepdims=True)] = 0.0
-    to_values, before = turned / scale[first][:, None], V.T @ (scale * stated)
+    to_values = turned / scale[first][:, None]
     values = np.array(everything.values)
-    values[found.columns] = stated + V @ (fit.beta - before) / scale
+    values[found.columns] = stated + V @ (best.beta - best.stated) / scale
+    parameters = DynamicParameters(everything.names, everything.kinds, everything.units, values)
     measured = np.concatenate([each.force for each in samples])
     missed = measured - np.concatenate([each.Y @ everything.values for each in samples])
-    counted = np.split(fit.counted, np.cumsum([len(each.chosen) for each in samples])[:-1])
-    parts = parts_of([each.t[c] for each, c in zip(samples, counted, strict=True)], [each.log for each in late])
     own = fit.counted
+    counted = np.split(own, np.cumsum([len(each.chosen) for each in samples])[:-1])
+    parts = parts_of([each.t[c] for each, c in zip(samples, counted, strict=True)], [each.log for each in late])
+    unseen = cross_validated(rows.of(own), fit.deviation, best.stated, missed[own], measured[own], parts)
+    if plain is not None:
+        without = cross_validated(plain.rows.of(own), fit.deviation, plain.stated, missed[own], measured[own], parts)
+        unseen = tuple(each._replace(coulomb=other.found) for each, other in zip(unseen, without, strict=True))
     return Estimate(
         tuple(
             _words(everything.names, row, int(column))
             for row, column in zip(multiples, found.columns[first], strict=True)
         ),
-        to_values @ fit.beta,
+        to_values @ best.beta,
         multiples @ everything.values,
-        to_values @ fit.covariance @ to_values.T,
+        to_values @ fit.covariance[:r, :r] @ to_values.T,
         multiples,
-        DynamicParameters(everything.names, everything.kinds, everything.units, values),
+        parameters,
         fit.deviation,
-        (int(fit.counted.sum()), sum(each.left for each in samples)),
-        tuple(effort_outliers(model, samples, fit, rows.left(fit.beta))),
-        cross_validated(rows.of(own), fit.deviation, before, missed[own], measured[own], parts),
+        (int(own.sum()), sum(each.left for each in samples)),
+        tuple(effort_outliers(model, samples, fit, rows.left(best.beta))),
+        unseen,
         late,
         tuple(each.motion for each in samples),
         found,
+        model,
+        told_friction(speeds, found, parameters, fit),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -67,15 +67,15 @@ def explained(
     model = model_of(model)
     if instance(parameters, "parameters", DynamicParameters).names != model.parameters.names:
         raise InvalidInputError("the constants are those of another mechanism")
-    (found,) = told_of_motion(model, [parameters], smoothed(log, model, spacing=spacing, noise=noise))
+    found = told_of_motion(model, parameters, smoothed(log, model, spacing=spacing, noise=noise))
     if not len(found.t):
         raise InvalidInputError(f"no sample of {log!r} has the efforts of all motors")
     return found
 
 
-def told_of_motion(model: ReducedModel, sets: Sequence[DynamicParameters], motion: Smoothed) -> list[Explained]:
-    """What each of several sets of constants explains of a log's motion."""
+def told_of_motion(model: ReducedModel, parameters: DynamicParameters, motion: Smoothed) -> Explained:
+    """What constants explain of a log's motion."""
     rows = motion.with_efforts()
     measured, Y = motion.forces(model, rows), model.regressor_many(motion.q[rows], motion.v[rows], motion.a[rows])
     names = tuple(model.coordinates.names)
-    return [Explained(motion.t[rows], motion.v[rows], measured, Y @ each.values, names) for each in sets]
+    return Explained(motion.t[rows], motion.v[rows], measured, Y @ parameters.values, names)

@@ -50,7 +50,11 @@ class Effects(NamedTuple):
 def kinds_of(model: ReducedModel) -> tuple[str, ...]:
     """What is looked at where nobody says: inertias, motors', dampers, friction, and springs where there are any."""
     springs = np.any(model.parameters.values[model.parameters.of("stiffness", "offset")])
-    return ("inertia", "armature", "damping", "friction", *(("stiffness", "offset") if springs else ()))
+    further = (
+        *(("stiffness", "offset") if springs else ()),
+        *(("stribeck",) if len(model.parameters.of("stribeck")) else ()),
+    )
+    return ("inertia", "armature", "damping", "friction", *further)
 
 
 def checked_kinds(kinds: object, model: ReducedModel) -> tuple[str, ...]:

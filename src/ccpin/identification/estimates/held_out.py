@@ -23,6 +23,7 @@ class HeldOut(NamedTuple):
         found: What the constants that all other samples tell miss of them.
         stated: What the model's own constants miss.
         measured: Of the generalised forces themselves.
+        coulomb: What constants found without a Stribeck effect miss, where one was found (its speeds from all samples).
     """
 
     where: str
@@ -30,6 +31,7 @@ class HeldOut(NamedTuple):
     found: Array
     stated: Array
     measured: Array
+    coulomb: Array | None = None
 
 
 def parts_of(times: Sequence[Array], names: Sequence[str]) -> list[tuple[str, Array]]:

@@ -1,15 +1,19 @@
-"""Figures of what constants leave of a log: over time, its distribution, how it hangs together, where it arises."""
+"""Figures of what constants leave of a log: over time, how it is distributed and hangs together; and of friction."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.identification.estimates.explained_efforts import Explained
+from ccpin.identification.estimates.stribeck_friction import StribeckFriction
 from ccpin.plotting.style import COLOURS, Figure, drawing
 
 _LAGS, _BINS, _SHOWN = 60, 41, 5.0  # samples; bins; standard deviations at which outliers are drawn
 _SURE = 1.96  # standard deviations: 95 % of Gaussian noise
+_FALLEN = 4.0  # Stribeck speeds, at which friction has fallen
 _USUAL = 1.4826  # of the median of |x|: the standard deviation of Gaussian noise
 
 
@@ -57,6 +61,22 @@ def residuals_figure(told: Explained) -> Figure:
             axes.set(xlabel=label)
         for axes, title in zip(panels[0], ("distribution", "autocorrelation", "against velocity"), strict=True):
             axes.set_title(title, fontsize=10)
+    return drawn
+
+
+def friction_figure(found: Sequence[StribeckFriction]) -> Figure:
+    """Dry friction of joints against speed, with a band of two standard deviations."""
+    with drawing("", (9.0, 2.6 * (-(-len(found) // 2)))) as drawn:
+        panels = drawn.subplots(-(-len(found) // 2), 2, squeeze=False).ravel()
+        for axes, each in zip(panels, found, strict=False):
+            speed = np.linspace(0.0, _FALLEN * each.values[2], 200)
+            level, off = each.level(speed)
+            axes.fill_between(speed, level - 2.0 * off, level + 2.0 * off, color=COLOURS[1], alpha=0.25, linewidth=0.0)
+            axes.plot(speed, level, color=COLOURS[1], linewidth=1.4)
+            axes.axvspan(*each.interval, color=COLOURS[0], alpha=0.15, linewidth=0.0)
+            axes.set(ylim=(0.0, None), xlabel=f"speed of {each.joint}", ylabel="dry friction")
+        for axes in panels[len(found) :]:
+            axes.set_axis_off()
     return drawn
 
 

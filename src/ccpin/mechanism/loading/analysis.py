@@ -211,7 +211,7 @@ def _mechanism(stage: _LockedSoFar, wishes: Wishes) -> Mechanism:
 
 def _forces_told(description: MechanismDescription, tree: Tree, actuated: tuple[str, ...]) -> list[str]:
     """Notes where joints state dry friction, and where one unit of u is not one N m (or N) on its joint."""
-    told, rubbing = [], [joint.name for joint in tree.joints if joint.stated.friction]
+    told, rubbing = [], [joint.name for joint in tree.joints if joint.stated.breakaway_level]
     if rubbing:
         told.append(
             f"dry friction of {', '.join(rubbing)}: `simulate` has it, the smooth equations (dynamics, laws, "

@@ -197,7 +197,7 @@ def _without_spin(spin: Spin) -> tuple[dict[str, Inertia | None], str]:
 
 def _acted_on(joint: TreeJoint) -> bool:
     stated = joint.stated
-    return bool(stated.damping or stated.friction or stated.armature)
+    return bool(stated.damping or stated.breakaway_level or stated.armature)
 
 
 class SpinningMass(NamedTuple):

@@ -221,7 +221,7 @@ def _triples(mechanism: Mechanism, used: set[str]) -> Iterator[Triple]:
 def _free(joint: TreeJoint) -> bool:
     """Whether a joint turns about one axis and nothing acts on it."""
     stated = joint.stated
-    acted = stated.damping or stated.friction or stated.stiffness or stated.armature
+    acted = stated.damping or stated.breakaway_level or stated.stiffness or stated.armature
     return joint.kind.nv == 1 and not joint.kind.sliding and not acted
 
 

@@ -70,8 +70,9 @@ class Simulator:
             function (t, q, v) or another law that holds `everywhere`, the motion goes on in other independent
             coordinates instead (`coordinate_switching`) unless events, a region, limits, contacts or settling
             read the model's, and ends where the mechanism itself is singular.
-        friction: Coulomb and viscous friction: ``{joint: (coulomb, viscous)}`` for any joints, or a pair of arrays
-            (coulomb, viscous) for the independent ones; default what the mechanism's joints state (`joints.friction`),
+        friction: Dry and viscous friction: ``{joint: (coulomb, viscous)}`` for any joints, or a pair of arrays
+            (coulomb, viscous) for the independent ones, breakaway level and Stribeck speed following where there is
+            such an effect (`JointFriction`); default what the mechanism's joints state (`joints.friction`),
             ``{}`` for none.
         wrenches: On links, as for `State.forward_dynamics`: constant in world axes, or a function (t, state, v).
         sampling: Run the law as a digital controller does; default continuously, a law that remembers by its period.

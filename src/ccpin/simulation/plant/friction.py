@@ -1,9 +1,20 @@
-"""Coulomb and viscous joint friction: which joints rub, how hard, and the force of it at a state.
+"""Joint friction, dry (Coulomb's, with breakaway and Stribeck's effect) and viscous: which joints rub, and how hard.
 
-The force on joint j of the free system is set-valued in its rate q̇′_j, with c_j the Coulomb level (the breakaway
-level as well: no Stribeck effect) and b_j the viscous coefficient:
+The force on joint j of the free system is set-valued in its rate q̇′_j, with c_j the Coulomb level, s_j ≥ c_j the
+breakaway level, v_j the Stribeck speed and b_j the viscous coefficient:
 
-    f_j = −b_j q̇′_j − c_j sign(q̇′_j)   sliding,       |f_j| ≤ c_j   at rest.
+    f_j = −b_j q̇′_j − [c_j + (s_j − c_j) exp(−(q̇′_j/v_j)²)] sign(q̇′_j)   sliding,       |f_j| ≤ s_j   at rest
+
+(R. Stribeck, Die wesentlichen Eigenschaften der Gleit- und Rollenlager, 1902; B. Armstrong-Hélouvry, P. Dupont and
+C. Canudas de Wit, A survey of models, analysis tools and compensation methods for the control of machines with
+friction, Automatica 30, 1994). That is dry friction of the level s_j alone, and a smooth force beside it,
+
+    f_j = −b_j q̇′_j − s_j Sign(q̇′_j) + h_j(q̇′_j),    h_j(r) = (s_j − c_j)(1 − exp(−(r/v_j)²)) sign r,
+
+whose slope, √(2/e)(s_j − c_j)/v_j = 0.86 (s_j − c_j)/v_j at most, is a damper's of the wrong sign: the right-hand side
+is monotone but for a Lipschitz function, so that from a state there is one motion forward, as without h; and h is zero
+at rest, so that who rests and who starts is decided as without it. The power is −(b_j |q̇′_j| + [c_j + …])|q̇′_j| ≤ 0.
+Where that slope is large against the mass, a motion is unstable at that rate, and steps are as short as it asks.
 
 The independent coordinates feel ρᵀf, so friction of passive joints counts as much as that of driven ones. At rest
 the force is whatever keeps the joint at rest, as long as that is within the level; `stick_slip` tells how it is found
@@ -24,7 +35,8 @@ from ccpin.errors import InvalidInputError
 from ccpin.kinematics.coordinates import IndependentCoordinates, component_names
 from ccpin.mechanism.mechanism import Mechanism, mechanism_of
 
-FrictionLike = Mapping[str, tuple[float, float]] | tuple[ArrayLike, ArrayLike]
+FrictionLike = Mapping[str, tuple[float, ...]] | tuple[ArrayLike, ...]
+_WORDS = ("coulomb", "viscous", "breakaway", "Stribeck speed")
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +47,10 @@ class JointFriction:
         names: The joints, ``joint`` or ``joint:axis``.
         index: Which component of q̇′ each is, of shape (k,).
         coordinate: Which independent velocity each is, −1 for the dependent ones, of shape (k,).
-        coulomb: Coulomb and breakaway level c, N m (or N), of shape (k,).
+        coulomb: Coulomb level c, N m (or N), of shape (k,).
         viscous: Viscous coefficient b, N m s/rad (or N s/m), of shape (k,).
+        breakaway: Breakaway level s, N m (or N), of shape (k,): c where there is no Stribeck effect.
+        stribeck_speed: v_s, rad/s (or m/s), of shape (k,): 1 where there is none.
     """
 
     names: tuple[str, ...]
@@ -44,6 +58,13 @@ class JointFriction:
     coordinate: NDArray[np.intp]
     coulomb: Array
     viscous: Array
+    breakaway: Array
+    stribeck_speed: Array
+
+    def level(self, rates: Array) -> Array:
+        """c + (s − c) exp(−(q̇′/v_s)²) of each joint that slides at these rates, of shape (k,)."""
+        fall = np.exp(-((rates / self.stribeck_speed) ** 2))
+        return np.asarray(self.coulomb + (self.breakaway - self.coulomb) * fall)
 
 
 def joint_friction(
@@ -53,13 +74,15 @@ def joint_friction(
 
     Args:
         mechanism: What rubs: a mechanism or model.
-        friction: ``{joint: (coulomb, viscous)}`` for any joints, dependent or not (a component of a joint with
-            several freedoms by ``joint:axis``); or a pair of arrays (coulomb, viscous), numbers or of shape (n,), for
-            the independent joints in their order; default the Coulomb levels that the mechanism's joints state. Viscous
-            friction comes on top of the joints' dampers, which belong to the model.
+        friction: ``{joint: (coulomb, viscous)}`` or ``{joint: (coulomb, viscous, breakaway, stribeck_speed)}`` for any
+            joints, dependent or not (a component of a joint with several freedoms by ``joint:axis``); or two or four
+            arrays in the same order, numbers or of shape (n,), for the independent joints in their order; default the
+            dry friction that the mechanism's joints state. Viscous friction comes on top of the joints' dampers, which
+            belong to the model.
 
     Raises:
-        InvalidInputError: An unknown joint, a level that is negative or not finite, a wrong shape.
+        InvalidInputError: An unknown joint, a level that is negative or not finite, a breakaway level below Coulomb's,
+            a Stribeck speed that is not positive, a wrong shape.
     """
     if isinstance(friction, JointFriction):
         return friction
@@ -72,9 +95,9 @@ def joint_friction(
     for name in entries:
         if name not in known:
             raise InvalidInputError(f"friction: '{name}' is not one of the joints {', '.join(known)}")
-    levels = np.array([_levels(name, pair) for name, pair in entries.items()]).reshape(-1, 2)
+    levels = np.array([_levels(name, stated) for name, stated in entries.items()]).reshape(-1, 4)
     index = np.array([known.index(name) for name in entries], dtype=np.intp)
-    found = JointFriction(tuple(entries), index, index, levels[:, 0].copy(), levels[:, 1].copy())
+    found = JointFriction(tuple(entries), index, index, *levels.T.copy())
     return moved_friction(found, coordinates_of(mechanism))
 
 
@@ -89,18 +112,23 @@ def moved_friction(friction: JointFriction, coordinates: IndependentCoordinates)
     return replace(friction, index=index, coordinate=owner[index])
 
 
-def stated_friction(mechanism: Mechanism) -> dict[str, tuple[float, float]]:
-    """The Coulomb levels that a mechanism's joints state, as `joint_friction` takes them."""
+def stated_friction(mechanism: Mechanism) -> dict[str, tuple[float, ...]]:
+    """The dry friction that a mechanism's joints state, as `joint_friction` takes it."""
     joints = mechanism.joints
-    return {name: (level, 0.0) for name, level in zip(joints.names, joints.friction.tolist(), strict=True) if level}
+    columns = (each.tolist() for each in (joints.friction, joints.breakaway, joints.stribeck_speed))
+    stated = zip(joints.names, *columns, strict=True)
+    return {name: (c, 0.0, s, speed) if s > c else (c, 0.0) for name, c, s, speed in stated if s}
 
 
-def _of_independent(mechanism: Mechanism, pair: tuple[ArrayLike, ArrayLike]) -> dict[str, tuple[float, float]]:
+def _of_independent(mechanism: Mechanism, given: tuple[ArrayLike, ...]) -> dict[str, tuple[float, ...]]:
     names = mechanism.independent
-    if not isinstance(pair, tuple) or len(pair) != 2:
-        raise InvalidInputError("friction must be {joint: (coulomb, viscous)} or a pair of arrays (coulomb, viscous)")
+    if not isinstance(given, tuple) or len(given) not in (2, 4):
+        raise InvalidInputError(
+            "friction must be {joint: (coulomb, viscous)} or a pair of arrays (coulomb, viscous), which breakaway and "
+            "Stribeck speed may follow"
+        )
     columns = []
-    for word, values in zip(("coulomb", "viscous"), pair, strict=True):
+    for word, values in zip(_WORDS, given, strict=False):
         array = np.asarray(values, dtype=np.float64)
         if array.shape not in ((), (len(names),)):
             raise InvalidInputError(
@@ -111,13 +139,21 @@ def _of_independent(mechanism: Mechanism, pair: tuple[ArrayLike, ArrayLike]) -> 
     return dict(zip(names, zip(*columns, strict=True), strict=True))
 
 
-def _levels(name: str, pair: tuple[float, float]) -> Array:
+def _levels(name: str, stated: tuple[float, ...]) -> Array:
+    """(c, b, s, v_s) of one joint."""
     try:
-        levels = np.asarray(pair, dtype=np.float64)
+        levels = np.asarray(stated, dtype=np.float64)
     except (TypeError, ValueError):
         levels = np.empty(0)
-    if levels.shape != (2,) or not np.isfinite(levels).all() or levels.min() < 0:
+    if levels.shape not in ((2,), (4,)) or not np.isfinite(levels).all() or levels.min() < 0:
         raise InvalidInputError(
-            f"friction of '{name}' is {pair!r}; it must be (coulomb, viscous), two finite numbers of at least zero"
+            f"friction of '{name}' is {stated!r}; it must be (coulomb, viscous), two finite numbers of at least zero, "
+            "or four: (coulomb, viscous, breakaway, stribeck_speed)"
+        )
+    if len(levels) == 2:
+        return np.array([*levels, levels[0], 1.0])
+    if levels[2] < levels[0] or not levels[3]:
+        raise InvalidInputError(
+            f"friction of '{name}' is {stated!r}; breakaway must not be below coulomb, and the Stribeck speed positive"
         )
     return levels

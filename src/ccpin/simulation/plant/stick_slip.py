@@ -1,17 +1,17 @@
 """Forward dynamics with dry friction: which joints rest, which slide and which way, without smoothing.
 
-Coulomb's law is kept set-valued, in the event-driven form of F. Pfeiffer and Ch. Glocker (Multibody Dynamics with
-Unilateral Contacts, Wiley 1996) that Modelica's friction elements use too. Between events every rubbing joint
+The law of `friction` is kept set-valued, in the event-driven form of F. Pfeiffer and Ch. Glocker (Multibody Dynamics
+with Unilateral Contacts, Wiley 1996) that Modelica's friction elements use too. Between events every rubbing joint
 is either sliding in a known direction (a smooth force) or at rest (a constraint q̈′_j = 0 with a multiplier f_j). A
 joint halts where its rate passes through zero; which of the halted joints then stay at rest, which slide and which
 way is decided by the principle of least constraint,
 
-    q̈ = argmin ½(q̈ − a)ᵀD(q̈ − a) + Σ_j c_j |q̈′_j|,   q̈′_j = ρ_j q̈ + (ρ̇q̇)_j,
+    q̈ = argmin ½(q̈ − a)ᵀD(q̈ − a) + Σ_j s_j |q̈′_j|,   q̈′_j = ρ_j q̈ + (ρ̇q̇)_j,
 
-with a the acceleration without these joints' friction: strictly convex in q̈, hence with one answer, also where more
-joints rest than the mechanism has freedoms and their shares f_j are indeterminate (D. Żardecki, Static friction
-indeterminacy problems and modeling of stick-slip phenomenon in discrete dynamic systems, J. Theor. Appl. Mech. 45,
-2007). Its dual is the bounded least-squares problem solved here.
+with a the acceleration without these joints' friction and s their breakaway levels: strictly convex in q̈, hence with
+one answer, also where more joints rest than the mechanism has freedoms and their shares f_j are indeterminate
+(D. Żardecki, Static friction indeterminacy problems and modeling of stick-slip phenomenon in discrete dynamic systems,
+J. Theor. Appl. Mech. 45, 2007). Its dual is the bounded least-squares problem solved here.
 
 Why not a smooth law: tanh(q̇/ε) creeps under any load, and bristle models hold only after an elastic deflection, give
 energy back and are stiff. Here a mechanism whose joints rest does not move at all, and friction's power is never
@@ -145,7 +145,7 @@ class StickSlip:
         self._model, self._friction = model, friction
         self._own = friction.coordinate >= 0
         self._units = np.eye(model.n)[friction.coordinate[self._own]]
-        self._dry = friction.coulomb > 0
+        self._dry = friction.breakaway > 0
         self.eventful = bool(self._dry.any())
         self._signs = np.zeros(len(friction.names))
         self._rest = np.zeros(len(friction.names), dtype=bool)
@@ -214,6 +214,8 @@ class StickSlip:
             "coordinate": friction.coordinate.tolist(),
             "coulomb": friction.coulomb.tolist(),
             "viscous": friction.viscous.tolist(),
+            "breakaway": friction.breakaway.tolist(),
+            "stribeck_speed": friction.stribeck_speed.tolist(),
             "signs": self._signs.tolist(),
             "rest": self._rest.astype(int).tolist(),
             "halted": halted.astype(int).tolist(),
@@ -280,7 +282,7 @@ class StickSlip:
         friction = self._friction
         rows = self.rows(state)
         rates = rows @ v
-        force = -friction.viscous * rates - friction.coulomb * self._signs
+        force = -friction.viscous * rates - friction.level(rates) * self._signs
         rows[self._rest & (np.linalg.norm(rows, axis=1) <= _NIL)] = 0.0
         factor = _factor(state.D)
         mobility = lapack.dpotrs(factor, rows.T, lower=1)[0]
@@ -310,7 +312,7 @@ class StickSlip:
         """Which way each resting joint starts to slide (0: it stays), and its force."""
         rows, level, mobility = (
             known.rows[self._rest],
-            self._friction.coulomb[self._rest],
+            self._friction.breakaway[self._rest],
             known.mobility[:, self._rest],
         )
         pushed = rows @ known.a + known.bias
@@ -378,7 +380,7 @@ def _least_norm(rows: Array, rates: Array) -> Array:
 
 
 def _least_constraint(known: _Known, rows: Array, level: Array) -> Array:
-    """argmin over |f| ≤ c of ½‖Lᵀ(a + d) + L⁻¹ρ_rᵀf‖², ρ_r d = ρ̇_r q̇, D = L Lᵀ: the dual of the principle above.
+    """argmin over |f| ≤ s of ½‖Lᵀ(a + d) + L⁻¹ρ_rᵀf‖², ρ_r d = ρ̇_r q̇, D = L Lᵀ: the dual of the principle above.
 
     Raises:
         ConvergenceError: The bounded least-squares solver gave up.
