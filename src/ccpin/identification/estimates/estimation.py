@@ -2,8 +2,8 @@
 
 A log's motion is smoothed first (`smoothing`); each sample with all efforts gives the n rows of
 Y(q, q̇, q̈) π = ρᵀSᵀu (22). What the rows tell apart is β = Vᵀ S π (`felt_combinations`); with Σ the efforts' noise,
-found from the residuals, β̂ = C Wᵀ Σ⁻¹ τ and its covariance is C = (Wᵀ Σ⁻¹ W)⁻¹ (`robust_fit`). What an encoder's noise
-leaves in q̈ is not white, but has next to nothing of the slow changes that motions make: C counts it as if it were.
+found from the residuals, β̂ = C Wᵀ Σ⁻¹ τ with C = (Wᵀ Σ⁻¹ W)⁻¹ (`robust_fit`). C would be its covariance if what is left
+were white; what errors of the smoothed motion add, which hang together, is counted besides (`motion_errors`).
 (C. Atkeson, C. An and J. Hollerbach, Estimation of inertial parameters of manipulator loads and links, International
 Journal of Robotics Research 5, 1986; M. Gautier, Numerical calculation of the base inertial parameters, 1991.)
 
@@ -29,6 +29,7 @@ from ccpin.identification.estimates.clock_delays import Delay, further_delays, s
 from ccpin.identification.estimates.effort_samples import EffortSamples, effort_outliers, samples_of
 from ccpin.identification.estimates.felt_combinations import Effects, Motions, checked_kinds, effects
 from ccpin.identification.estimates.held_out import HeldOut, cross_validated, parts_of
+from ccpin.identification.estimates.motion_errors import with_motion_errors
 from ccpin.identification.estimates.output_error import Refined, refined
 from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit, fitted_robustly
 from ccpin.identification.estimates.stated_priors import Prior, stated_prior
@@ -255,6 +256,8 @@ def _estimate(
     to_values, before = turned / scale[first][:, None], V.T @ (scale * stated)
     values = np.array(everything.values)
     values[found.columns] = stated + V @ (fit.beta - before) / scale
+    nearest = DynamicParameters(everything.names, everything.kinds, everything.units, values)
+    covariance = with_motion_errors(model, samples, rows, fit, nearest)
     measured = np.concatenate([each.force for each in samples])
     missed = measured - np.concatenate([each.Y @ everything.values for each in samples])
     counted = np.split(fit.counted, np.cumsum([len(each.chosen) for each in samples])[:-1])
@@ -267,9 +270,9 @@ def _estimate(
         ),
         to_values @ fit.beta,
         multiples @ everything.values,
-        to_values @ fit.covariance @ to_values.T,
+        to_values @ covariance @ to_values.T,
         multiples,
-        DynamicParameters(everything.names, everything.kinds, everything.units, values),
+        nearest,
         fit.deviation,
         (int(fit.counted.sum()), sum(each.left for each in samples)),
         tuple(effort_outliers(model, samples, fit, rows.left(fit.beta))),
