@@ -2,8 +2,8 @@
 
 A log's motion is smoothed first (`smoothing`); each sample with all efforts gives the n rows of
 Y(q, q̇, q̈) π = ρᵀSᵀu (22). What the rows tell apart is β = Vᵀ S π (`felt_combinations`); with Σ the efforts' noise,
-found from the residuals, β̂ = C Wᵀ Σ⁻¹ τ and its covariance is C = (Wᵀ Σ⁻¹ W)⁻¹ (`robust_fit`). What an encoder's noise
-leaves in q̈ is not white, but has next to nothing of the slow changes that motions make: C counts it as if it were.
+found from the residuals, β̂ = C Wᵀ Σ⁻¹ τ with C = (Wᵀ Σ⁻¹ W)⁻¹ (`robust_fit`). C would be its covariance if what is left
+were white; what errors of the smoothed motion add, which hang together, is counted besides (`motion_errors`).
 (C. Atkeson, C. An and J. Hollerbach, Estimation of inertial parameters of manipulator loads and links, International
 Journal of Robotics Research 5, 1986; M. Gautier, Numerical calculation of the base inertial parameters, 1991.)
 
@@ -31,6 +31,7 @@ from ccpin.identification.estimates.clock_delays import Delay, further_delays, s
 from ccpin.identification.estimates.effort_samples import EffortSamples, effort_outliers, samples_of
 from ccpin.identification.estimates.felt_combinations import Effects, Motions, checked_kinds, effects
 from ccpin.identification.estimates.held_out import HeldOut, cross_validated, parts_of
+from ccpin.identification.estimates.motion_errors import with_motion_errors
 from ccpin.identification.estimates.output_error import Refined, refined
 from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit, fitted_robustly
 from ccpin.identification.estimates.stated_priors import Prior, stated_prior
@@ -228,7 +229,7 @@ def identify(
         taken = taken + delays[0]
         if turn == _MOST_TURNS - 1 or (np.abs(taken) > most).any():
             raise ConvergenceError(f"setting the efforts' clocks right does not settle: they seem to be {taken} s late")
-    plain = _Fitted(model, samples, found, rows, fit)
+    plain = _Fitted(model, samples, found, rows, fit, np.zeros((*rows.tau.shape, 0)))
     speeds = found_speeds(rows, stribeck_columns(model, samples, asked), robust)
     best = _with_stribeck(given, plain, speeds, (*kinds, "stribeck"), prior, robust) if speeds.speeds else plain
     delays = _further(best.samples, best.rows, best.fit)
@@ -238,13 +239,14 @@ def identify(
 
 
 class _Fitted(NamedTuple):
-    """A model, samples of its motions, what they tell apart, W β = τ, and its fit; Stribeck speeds may follow β."""
+    """A model, samples of its motions, what they tell apart, W β = τ, its fit, and ∂τ/∂v_s: Stribeck speeds follow β."""
 
     model: ReducedModel
     samples: Sequence[EffortSamples]
     effects: Effects
     rows: EffortRows
     fit: RobustFit
+    slopes: Array
 
     @property
     def stated(self) -> Array:
@@ -274,7 +276,7 @@ def _with_stribeck(
     found = _effects(model, samples, kinds, known)
     rows = _rows(model, samples, found, known)
     slopes = speeds.slopes(stribeck_columns(model, samples, tuple(speeds.speeds)))
-    return _Fitted(model, samples, found, rows, fitted_robustly(with_columns(rows, slopes), robust))
+    return _Fitted(model, samples, found, rows, fitted_robustly(with_columns(rows, slopes), robust), slopes)
 
 
 def _effects(model: ReducedModel, samples: Sequence[EffortSamples], kinds: Sequence[str], known: Prior) -> Effects:
@@ -312,7 +314,7 @@ def _further(samples: Sequence[EffortSamples], rows: EffortRows, fit: RobustFit)
 
 def _estimate(best: _Fitted, plain: _Fitted | None, speeds: FoundSpeeds, late: tuple[Delay, ...]) -> Estimate:
     """Words and values: s₁ + (V₁ᵀ)⁻¹V₂ᵀ s₂ = (V₁ᵀ)⁻¹ β, with s = S π and V₁ the rows of V that pivot."""
-    model, samples, found, rows, fit = best
+    model, samples, found, rows, fit, slopes = best
     everything, scale, V = model.parameters, found.scale, found.basis
     r, stated = V.shape[1], everything.values[found.columns]
     first = pivots(found)
@@ -324,6 +326,7 @@ def _estimate(best: _Fitted, plain: _Fitted | None, speeds: FoundSpeeds, late: t
     values = np.array(everything.values)
     values[found.columns] = stated + V @ (best.beta - best.stated) / scale
     parameters = DynamicParameters(everything.names, everything.kinds, everything.units, values)
+    covariance = with_motion_errors(model, samples, with_columns(rows, slopes), fit, parameters)
     measured = np.concatenate([each.force for each in samples])
     missed = measured - np.concatenate([each.Y @ everything.values for each in samples])
     own = fit.counted
@@ -340,7 +343,7 @@ def _estimate(best: _Fitted, plain: _Fitted | None, speeds: FoundSpeeds, late: t
         ),
         to_values @ best.beta,
         multiples @ everything.values,
-        to_values @ fit.covariance[:r, :r] @ to_values.T,
+        to_values @ covariance[:r, :r] @ to_values.T,
         multiples,
         parameters,
         fit.deviation,
@@ -351,7 +354,7 @@ def _estimate(best: _Fitted, plain: _Fitted | None, speeds: FoundSpeeds, late: t
         tuple(each.motion for each in samples),
         found,
         model,
-        told_friction(speeds, found, parameters, fit),
+        told_friction(speeds, found, parameters, covariance),
     )
 
 

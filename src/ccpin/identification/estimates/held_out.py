@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices
 from ccpin.identification.estimates.robust_fit import EffortRows
 
 _PARTS = 5
@@ -34,7 +34,7 @@ class HeldOut(NamedTuple):
     coulomb: Array | None = None
 
 
-def parts_of(times: Sequence[Array], names: Sequence[str]) -> list[tuple[str, Array]]:
+def parts_of(times: Sequence[Array], names: Sequence[str]) -> list[tuple[str, Indices]]:
     """What is held out in turn: each of several logs, or fifths of a single one; names, and samples by number."""
     if len(times) > 1:
         begins = np.cumsum([0, *map(len, times)])
@@ -51,7 +51,7 @@ def cross_validated(
     stated: Array,
     missed: Array,
     measured: Array,
-    parts: Sequence[tuple[str, Array]],
+    parts: Sequence[tuple[str, Indices]],
 ) -> tuple[HeldOut, ...]:
     """Each part beside constants found from all others.
 
@@ -63,15 +63,14 @@ def cross_validated(
         measured: ρᵀSᵀu, alike.
         parts: Names, and samples by number.
     """
-    found = []
-    for where, chosen in parts:
-        others = np.ones(len(rows.tau), dtype=bool)
-        others[chosen] = False
-        if not others.any():
+    found, short = [], [rows.of(chosen).condensed() for _, chosen in parts]
+    for k, (where, chosen) in enumerate(parts):
+        others = short[:k] + short[k + 1 :]
+        if not others:
             continue
-        left = rows.left(stated)[others] / deviation
-        A = np.concatenate([(rows.W[others] / deviation[:, None]).reshape(left.size, -1), rows.P])
-        b = np.concatenate([left.ravel(), rows.p - rows.P @ stated])
+        r = rows.W.shape[2]
+        A = np.concatenate([*((each.W / deviation[:, None]).reshape(-1, r) for each in others), rows.P])
+        b = np.concatenate([*((each.left(stated) / deviation).ravel() for each in others), rows.p - rows.P @ stated])
         q, triangle = np.linalg.qr(A)
         beta = stated + np.linalg.lstsq(triangle, q.T @ b, rcond=_NOTHING)[0]
         sizes = (rows.left(beta)[chosen], missed[chosen], measured[chosen])

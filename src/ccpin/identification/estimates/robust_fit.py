@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import median_filter
 
-from ccpin.arrays import Array, Mask
+from ccpin.arrays import Array, Indices, Mask
 
 _PASSES, _ROUNDS = 5, 12
 _HUBER = 1.345  # deviations beyond which a residual's weight falls: 95 % as sure as least squares under Gaussian noise
@@ -44,9 +44,15 @@ class EffortRows(NamedTuple):
         """τ − W β, of shape (N, n)."""
         return np.asarray(self.tau - self.W @ beta)
 
-    def of(self, samples: Mask) -> EffortRows:
+    def of(self, samples: Mask | Indices) -> EffortRows:
         """Some samples, with all that is known beforehand."""
         return self._replace(W=self.W[samples], tau=self.tau[samples])
+
+    def condensed(self) -> EffortRows:
+        """At most r + 1 samples whose sums of squares left by any β are these, row by row: R of [W_j τ_j] = Q R."""
+        both = np.concatenate([self.W, self.tau[..., None]], axis=2).swapaxes(0, 1)
+        triangles = np.asarray(np.linalg.qr(both, mode="r")).swapaxes(0, 1)
+        return self._replace(W=triangles[..., :-1], tau=triangles[..., -1])
 
 
 class RobustFit(NamedTuple):
@@ -96,11 +102,12 @@ def solved(rows: EffortRows, weights: Array) -> tuple[Array, Array, Array]:
 
 def _least_squares(rows: EffortRows, counted: Mask) -> RobustFit:
     rows_of, deviation = rows.of(counted), np.ones(rows.tau.shape[1])
+    short = rows_of.condensed()
     for _ in range(_PASSES):
-        beta, q, _ = solved(rows_of, np.broadcast_to(1.0 / deviation, rows_of.tau.shape))
-        leverage = (q**2).sum(axis=1).reshape(rows_of.tau.shape).sum(axis=0)
-        left = rows_of.left(beta)
-        deviation = np.sqrt((left**2).sum(axis=0) / np.maximum(len(left) - leverage, 1.0))
+        beta, q, _ = solved(short, np.broadcast_to(1.0 / deviation, short.tau.shape))
+        leverage = (q**2).sum(axis=1).reshape(short.tau.shape).sum(axis=0)
+        squares = (short.left(beta) ** 2).sum(axis=0)
+        deviation = np.sqrt(squares / np.maximum(len(rows_of.tau) - leverage, 1.0))
         deviation = np.maximum(deviation, _LEAST * np.abs(rows.tau).max())
     beta, q, triangle = solved(rows_of, np.broadcast_to(1.0 / deviation, rows_of.tau.shape))
     inverse = np.linalg.inv(triangle)

@@ -19,7 +19,9 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.dynamics.reduced_model import ReducedModel
 
-_STEP = 1e-5  # rad, m, rad/s, m/s: of central differences in q and q̇
+_STEP = 1e-5  # rad, m, and per s or s²: of central differences in q, q̇ and q̈
+Motion = tuple[Array, Array, Array]
+"""q, q̇ and q̈ of N states, of shape (N, n) each."""
 
 
 class VariedPlant(NamedTuple):
@@ -123,24 +125,28 @@ def accelerations(plant: VariedPlant, Q: Array, V: Array, U: Array) -> tuple[Arr
     D = np.einsum("jNip,p->Nij", rising, plant.constants)
     a = np.linalg.solve(D, (_felt(model, Q, V, U) - Y[0] @ plant.constants)[..., None])[..., 0]
     along = Y[0] + np.einsum("Nj,jNip->Nip", a, rising)
-    ends = [[(Q + s * e, V) for s in (_STEP, -_STEP)] for e in np.eye(n)]
-    ends += [[(Q, V + s * e) for s in (_STEP, -_STEP)] for e in np.eye(n)]
-    places = [end for pair in ends for end in pair]
-    moved = _missing(model, plant.constants, places, a, U).reshape(2 * n, 2, count, n)
-    by_state = (moved[:, 0] - moved[:, 1]).transpose(1, 2, 0) / (2.0 * _STEP)
+    by_state = force_slopes(model, plant.constants, (Q, V, a), U, 2)
     geometry = [
-        (_missing(more, plant.constants, [(Q, V)], a, U) - _missing(less, plant.constants, [(Q, V)], a, U)) / (2.0 * h)
+        (_missing(more, plant.constants, (Q, V, a), U) - _missing(less, plant.constants, (Q, V, a), U)) / (2.0 * h)
         for (more, less), h in zip(plant.varied, plant.steps, strict=True)
     ]
     numbers = np.concatenate([along @ plant.tangent, *(each[..., None] for each in geometry)], axis=2)
     return a, -np.linalg.solve(D, by_state), -np.linalg.solve(D, numbers)
 
 
-def _missing(model: ReducedModel, constants: Array, places: Sequence[tuple[Array, Array]], a: Array, U: Array) -> Array:
-    """F at several places of each row, one after the other, of shape (places · N, n)."""
-    Q, V = (np.concatenate(parts) for parts in zip(*places, strict=True))
-    A, W = (np.tile(each, (len(places), 1)) for each in (a, U))
-    return np.asarray(model.regressor_many(Q, V, A) @ constants - _felt(model, Q, V, W))
+def force_slopes(model: ReducedModel, constants: Array, motion: Motion, U: Array, orders: int = 3) -> Array:
+    """∂F/∂(q, q̇, q̈) of N states, or of the first orders of these, of shape (N, n, orders · n)."""
+    n, count = model.n, orders * model.n
+    away = _STEP * np.array([1.0, -1.0])[:, None, None, None] * np.eye(count, 3 * n).reshape(count, 1, 3, 1, n)
+    ends = (np.stack(motion) + away).transpose(2, 0, 1, 3, 4).reshape(3, -1, n)
+    F = _missing(model, constants, (ends[0], ends[1], ends[2]), np.tile(U, (2 * count, 1)))
+    F = F.reshape(count, 2, len(U), n)
+    return np.asarray((F[:, 0] - F[:, 1]).transpose(1, 2, 0) / (2.0 * _STEP))
+
+
+def _missing(model: ReducedModel, constants: Array, motion: Motion, U: Array) -> Array:
+    """F, of shape (N, n)."""
+    return np.asarray(model.regressor_many(*motion) @ constants - _felt(model, *motion[:2], U))
 
 
 def _felt(model: ReducedModel, Q: Array, V: Array, U: Array) -> Array:

@@ -19,7 +19,7 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.identification.estimates.effort_samples import EffortSamples
 from ccpin.identification.estimates.felt_combinations import Effects
-from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit
+from ccpin.identification.estimates.robust_fit import EffortRows
 
 _ALONE = 1e-6  # of a constant: as much may be told with others
 
@@ -154,15 +154,15 @@ def with_effect(before: ReducedModel, after: ReducedModel, samples: EffortSample
 
 
 def told_friction(
-    found: FoundSpeeds, effects: Effects, parameters: DynamicParameters, fit: RobustFit
+    found: FoundSpeeds, effects: Effects, parameters: DynamicParameters, covariance: Array
 ) -> tuple[StribeckFriction, ...]:
-    """Levels and speeds of every joint that was asked for, from a fit whose last numbers are speeds."""
+    """Levels and speeds of every joint that was asked for, from the covariance of β̂ and speeds, in this order."""
     told, r = [], effects.basis.shape[1]
 
     def row(name: str) -> Array:
         """What a constant is of β and speeds; NaN where it is told in combinations only."""
         place = int(np.searchsorted(effects.columns, parameters.names.index(name)))
-        own = np.pad(effects.basis[place] / effects.scale[place], (0, len(fit.beta) - r))
+        own = np.pad(effects.basis[place] / effects.scale[place], (0, len(covariance) - r))
         return own if np.linalg.norm(effects.basis[place]) > 1.0 - _ALONE else own * np.nan
 
     for each in found.told:
@@ -170,9 +170,9 @@ def told_friction(
         if each.joint in found.speeds:
             names = f"friction:{each.joint}", f"stribeck:{each.joint}"
             c, more = (float(parameters.values[parameters.names.index(name)]) for name in names)
-            coulomb, increment, speed = row(names[0]), row(names[1]), np.zeros(len(fit.beta))
+            coulomb, increment, speed = row(names[0]), row(names[1]), np.zeros(len(covariance))
             speed[r + list(found.speeds).index(each.joint)] = 1.0
             slopes = np.array([coulomb, coulomb + increment, speed])
-            values, covariance = np.array([c, c + more, found.speeds[each.joint]]), slopes @ fit.covariance @ slopes.T
+            values, covariance = np.array([c, c + more, found.speeds[each.joint]]), slopes @ covariance @ slopes.T
         told.append(StribeckFriction(each.joint, values, covariance, *each[1:]))
     return tuple(told)

@@ -21,7 +21,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.linalg.lapack import zgbtrf
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices
 from ccpin.errors import InvalidInputError
 
 DEGREE = 5
@@ -112,6 +112,36 @@ class SplineFit(NamedTuple):
     c: Array
     factor: Array
     residuals: Array
+
+
+class SplineErrors(NamedTuple):
+    """How far a fit's motion may be off: by the measurements' errors, and by its smoothness.
+
+    P is κ times what cross-validation asks for, which is as if c ~ N(0, (P/κ)⁻¹) (G. Wahba, Bayesian "confidence
+    intervals" for the cross-validated smoothing spline, Journal of the Royal Statistical Society B 45, 1983). Then
+
+        Cov δc = A⁻¹ (N + κ P) A⁻¹ = A⁻¹ − (1 − κ) A⁻¹ P A⁻¹
+
+    Attributes:
+        basis: B, Ḃ and B̈ at the log's times, sparse matrices (T, size).
+        factor: L of A = L Lᵀ, a lower band.
+        penalty: P, sparse.
+        smoothness: κ.
+    """
+
+    basis: list[Any]
+    factor: Array
+    penalty: Any
+    smoothness: float
+
+    def covariance(self, rows: Indices, slopes: Array) -> Array:
+        """Of Σ_t Σ_d slopes_dᵀ δq⁽ᵈ⁾(t), of shape (r, r), t some of the log's times, slopes of shape (3, K, n, r)."""
+        _, count, n, r = slopes.shape
+        G = sum(
+            design.tocsr()[rows].T @ each.reshape(count, n * r) for design, each in zip(self.basis, slopes, strict=True)
+        ).reshape(-1, r)
+        X = cho_solve_banded((self.factor, True), G)
+        return np.asarray(G.T @ X - (1.0 - self.smoothness) * X.T @ (self.penalty @ X))
 
 
 def normal_equations(rows: Measurements, n: int) -> NormalEquations:

@@ -24,6 +24,7 @@ from ccpin.identification.logs.penalized_splines import (
     DEGREE,
     Knots,
     Measurements,
+    SplineErrors,
     SplineFit,
     apart,
     banded,
@@ -61,6 +62,7 @@ class Smoothed(NamedTuple):
         q_deviation, v_deviation, a_deviation: Their standard deviations, of shape (T, n) each.
         noise: Standard deviation of each position's and velocity's column about the motion, by name.
         outliers: Samples that were left out.
+        errors: How errors of q, q̇ and q̈ at all times hang together.
     """
 
     t: Array
@@ -73,6 +75,7 @@ class Smoothed(NamedTuple):
     a_deviation: Array
     noise: Mapping[str, float]
     outliers: tuple[Outlier, ...]
+    errors: SplineErrors
 
     def with_efforts(self) -> Indices:
         """The samples that have the efforts of all motors, by number."""
@@ -141,9 +144,9 @@ def smoothed(
         alone[name], found = _alone(name, log.t, column, knots, basis[0], stated, smoothness)
         outliers += found
     weights = np.array([alone[f"q_{part.name}"].weight for part in parts])
-    penalty = banded(sparse.kron(knots.roughness(), sparse.diags_array(weights)).tocsr(), model.n)
+    penalty = sparse.kron(knots.roughness(), sparse.diags_array(weights)).tocsr()
     c = np.column_stack([alone[f"q_{part.name}"].fit.c for part in parts])
-    fit = _together(model, basis, measured, alone, penalty, c)
+    fit = _together(model, basis, measured, alone, banded(penalty, model.n), c)
     q, v, a = (np.asarray(each @ fit.c) for each in basis)
     inverse = inverse_band(fit.factor)
     q_deviation, v_deviation, a_deviation = (_deviations(inverse, each, model.n) for each in basis)
@@ -152,7 +155,8 @@ def smoothed(
     u = np.column_stack(efforts) if efforts else np.zeros((len(log.t), 0))
     told = {name: each.noise for name, each in alone.items()}
     left_out = tuple(sorted(outliers, key=lambda each: each.t))
-    return Smoothed(log.t, q, v, a, u, q_deviation, v_deviation, a_deviation, told, left_out)
+    errors = SplineErrors(basis, fit.factor, penalty, smoothness)
+    return Smoothed(log.t, q, v, a, u, q_deviation, v_deviation, a_deviation, told, left_out, errors)
 
 
 def _deviations(inverse: Array, design: Any, n: int) -> Array:
