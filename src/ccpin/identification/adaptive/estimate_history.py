@@ -47,8 +47,9 @@ def asked_again(law: Any, motion: Trajectory, sampling: Sampling | None, true: A
     t, q, v = float(motion.t[0]) + law.period * np.arange(len(rows)), motion.q[rows], motion.v[rows]
     values, efforts = _in_core(law, loop, t, motion, rows) or _in_python(law, loop, t, motion, rows)
     _require_these(model, efforts, motion.u[rows])
-    e = np.array([law.error(*each) for each in zip(t, q, strict=True)])
-    s = np.array([law.sliding(*each) for each in zip(t, q, v, strict=True)])
+    wanted = [law.reference.at(when) for when in t.tolist()]
+    e = np.array([model.coordinates.difference(goal.q, x) for goal, x in zip(wanted, q, strict=True)])
+    s = v - np.array([goal.v for goal in wanted]) + e @ law.slope.T
     V = list[float]()
     if true is not None:
         at = zip(t.tolist(), rows.tolist(), values, strict=True)
