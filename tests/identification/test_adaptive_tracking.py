@@ -10,7 +10,7 @@ import ccpin
 from ccpin.control import PointToPoint, Sampling, Waypoints
 from ccpin.errors import DifferentSubjectsError, InvalidInputError, UnsupportedMechanismError
 from ccpin.identification import AdaptiveTracking, with_constants
-from ccpin.programs import configuration
+from ccpin.programs import configuration, record
 from tests.oracles.finite_differences import derivative
 from tests.support.closed import closed_near
 from tests.support.exported import exported, self_tested
@@ -262,7 +262,9 @@ def test_a_corner_that_no_body_has_is_refused(rpdr):
 
 
 def test_where_it_cannot_run(rpdr, plant):
-    """Another period than its own, fewer motors than motions, balls that are independent as a whole."""
+    """Another period than its own, fewer motors than motions; as a program of laws without a memory."""
+    with pytest.raises(UnsupportedMechanismError, match="programs know .*, not AdaptiveTracking"):
+        record(rpdr.model, "torque", law=rpdr)
     with pytest.raises(InvalidInputError, match=r"0\.001 s apart, and would be asked every 0\.002 s"):
         ccpin.simulate(plant, rpdr, rpdr.near.q, duration=0.1, sampling=Sampling(2e-3))
     simulator = ccpin.Simulator(plant, None)
