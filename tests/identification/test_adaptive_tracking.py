@@ -263,7 +263,7 @@ def test_a_corner_that_no_body_has_is_refused(rpdr):
 
 def test_where_it_cannot_run(rpdr, plant):
     """Another period than its own, fewer motors than motions; as a program of laws without a memory."""
-    with pytest.raises(UnsupportedMechanismError, match="programs know .*, not AdaptiveTracking"):
+    with pytest.raises(UnsupportedMechanismError, match=r"programs know .*, not AdaptiveTracking"):
         record(rpdr.model, "torque", law=rpdr)
     with pytest.raises(InvalidInputError, match=r"0\.001 s apart, and would be asked every 0\.002 s"):
         ccpin.simulate(plant, rpdr, rpdr.near.q, duration=0.1, sampling=Sampling(2e-3))
