@@ -227,10 +227,11 @@ def _ask_for_runs(kernel: Any, near: np.ndarray, sizes: tuple[int, ...], rng: np
         with contextlib.suppress(ValueError):
             kernel.simulate(near, *arguments)
         rows = [np.tile(x, (3, 1)) for x in (np.zeros(n_q), rng.normal(size=n), near)]
-        for told in (law, arguments[0]):
+        spoilt, k = list(rows), int(rng.integers(3))
+        spoilt[k] = spoilt_array(rows[k], rng)
+        for told, motion in ((law, rows), (arguments[0], spoilt)):
             with contextlib.suppress(ValueError, TypeError):  # no loop where one must be
-                kernel.learnt(told, run["sampling"], np.linspace(0.0, 2e-3, 3), *rows)
-            rows[int(rng.integers(3))] = spoilt_array(rows[0], rng)
+                kernel.learnt(told, run["sampling"], np.linspace(0.0, 2e-3, 3), *motion)
     return 6 * len(TABLEAUX)
 
 
