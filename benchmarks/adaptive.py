@@ -5,14 +5,19 @@ heavier and lighter. `AdaptiveTracking`, which learns a factor of each link, sta
 (K_p = KΛ, K_v = K) and computed torque (K_p = Λ², K_v = 2Λ), of the drawing and of the robot. Told: RMS and peak of the
 joints' errors over the whole time, and over the second half.
 
+What a second of it takes is told of the RPDR, a Delta and the ankle of two rods, every link's factor learnt: whole in
+the compiled core, stepped in Python over the core's q̈, and by the NumPy reference alone.
+
 Then N robots (1,000), each with factors of its own anywhere in the box and a start of its own, a second each, in lanes
-of a compiled program: how far V = ½ sᵀD s + ½ π̃ᵀΓ⁻¹π̃ ever is above V(0) − ∫ sᵀK s dt, and above what it was before.
-In continuous time it never is; with a period T it may be, by what goes to 0 with T: it is told for three periods.
+of a compiled program, and a tenth of them in the core as well: how far V = ½ sᵀD s + ½ π̃ᵀΓ⁻¹π̃ ever is above
+V(0) − ∫ sᵀK s dt, and above what it was before. In continuous time it never is; with a period T it may be, by what goes
+to 0 with T: it is told for three periods.
 """
 
 from __future__ import annotations
 
 import argparse
+import time
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +25,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import ccpin
+from benchmarks.measured import NATIVE, NUMPY
+from benchmarks.subjects import backend
 from ccpin.control import ComputedTorque, PDPlus, Sampling, Waypoints
 from ccpin.identification import AdaptiveTracking, with_constants
 from ccpin.programs import compiled, configuration, record
@@ -28,6 +35,7 @@ PERIOD, SLOPE, K, GAMMA, SHARE = 1e-3, 20.0, 0.5, 5000.0, 0.4
 TRUE = np.array([1.3, 0.7, 0.7, 1.3])  # factors of link1, link3, link2, link4
 LEGS = np.array([[0.45, -0.35], [-0.1, 0.3], [0.4, 0.2], [-0.3, -0.35], [0.25, -0.1], [0.0, 0.0]])
 LEG, ROUNDS = 0.25, 4
+PACED = {"rpdr": 1.0, "delta": 0.2, str(Path(__file__).parents[1] / "docs" / "howto" / "ankle.urdf"): 0.3}  # how far
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -41,17 +49,19 @@ def main(arguments: list[str] | None = None) -> None:
     motions = tracked(law)
     if asked.figure is not None:
         drawn(law, motions).savefig(asked.figure, dpi=110)
+    paces()
     if asked.runs:
         rises(law, asked.runs, asked.gain)
 
 
-def adaptive(model: ccpin.ReducedModel, period: float, gain: float) -> AdaptiveTracking:
+def adaptive(model: ccpin.ReducedModel, period: float, gain: float, size: float = 1.0) -> AdaptiveTracking:
     """The law, that knows nothing but the drawing at first."""
     start = model.alpha(model.mechanism.q_reference)
-    places = np.vstack([start, start + np.tile(LEGS, (ROUNDS, 1))])
+    legs = size * np.take(LEGS, np.arange(model.n) % 2, axis=1)
+    places = np.vstack([start, start + np.tile(legs, (ROUNDS, 1))])
     reference = Waypoints(model, LEG * np.arange(len(places)), places)
     learnt = {"gain": gain, "adapted": "body", "bounds": SHARE}
-    return AdaptiveTracking(model, reference, SLOPE, [K, K], period=period, **learnt)
+    return AdaptiveTracking(model, reference, SLOPE, np.full(model.n, K), period=period, **learnt)
 
 
 def tracked(law: AdaptiveTracking) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -80,15 +90,35 @@ def tracked(law: AdaptiveTracking) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def learning(law: AdaptiveTracking, robot: ccpin.ReducedModel) -> tuple[np.ndarray, np.ndarray]:
-    """The motion as `ccpin.simulate` makes it, with the core's steps between samples."""
-    run, simulator = law.begin(), ccpin.Simulator(robot)
-    here = simulator.reset(law.near.q)
-    errors, estimates = [], []
-    for _ in range(round(law.reference.duration / law.period)):
-        errors.append(law.error(here.t, here.q))
-        estimates.append(run.estimate)
-        here = simulator.step(run.torque(here.t, simulator.state, here.v), law.period)
-    return np.array(errors), np.array(estimates)
+    """Errors and estimates at all samples."""
+    motion = ccpin.simulate(robot, law, law.near.q, duration=law.reference.duration, sample_period=law.period)
+    told = law.estimates(motion)
+    return told.e, told.values
+
+
+def paces() -> None:
+    """CPU time of a simulated second, least of three."""
+    print(f"{'':12s} ms of a processor for a simulated second at {1 / PERIOD:g} Hz (links learnt)")
+    print(f"{'':12s} {'core':>8s} {'Python over the core':>22s} {'NumPy':>8s}")
+    for name, size in PACED.items():
+        spent, count = [], 0
+        for which, whole, duration in ((NATIVE, True, 1.0), (NATIVE, False, 0.2), (NUMPY, True, 0.02)):
+            with backend(which):
+                mechanism = ccpin.load(name)
+                own = ccpin.load(mechanism.description, independent=mechanism.actuated)
+                law = adaptive(ccpin.ReducedModel(own), PERIOD, 500.0, size)
+            count, times = len(law.adapted), []
+            for _ in range(3):
+                simulator = ccpin.Simulator(law.model, law)
+                simulator.reset(law.near.q)
+                began = time.process_time()
+                if whole:
+                    simulator.run(duration)
+                else:
+                    simulator.advance(duration)
+                times.append((time.process_time() - began) / duration)
+            spent.append(1e3 * min(times))
+        print(f"{Path(name).stem:12s} {spent[0]:8.0f} {spent[1]:22.0f} {spent[2]:8.0f}   {count} links", flush=True)
 
 
 def rises(law: AdaptiveTracking, runs: int, gain: float) -> None:
@@ -97,16 +127,35 @@ def rises(law: AdaptiveTracking, runs: int, gain: float) -> None:
     true = draw.uniform(law.lower, law.upper, (runs, len(law.adapted)))
     away = draw.uniform(-1.0, 1.0, (2, runs, law.model.n))
     for period in (PERIOD, PERIOD / 2, PERIOD / 4):
-        V, taken = lyapunov_in_lanes(adaptive(law.model, period, gain), true, 0.05 * away[0], 0.5 * away[1])
-        rise = (V - np.minimum.accumulate(V, axis=0)).max()
-        spent = 0.5 * period * np.cumsum(taken[1:] + taken[:-1], axis=0)
-        above = (V[1:] - (V[0] - spent)).max()
-        print(
-            f"V at {V.size} samples, {1 / period:g} Hz, {runs} robots: at most {V[0].max():.3g} J at first and "
-            f"{V[-1].max():.3g} J at last; above V(0) - int s'Ks dt by {above:.2e} J at most, above what it was before "
-            f"by {rise:.2e} J at most",
-            flush=True,
-        )
+        own, some = adaptive(law.model, period, gain), -(-runs // 10)
+        for where, along, count in (("lanes", lyapunov_in_lanes, runs), ("the core", lyapunov_in_core, some)):
+            began = time.process_time()
+            V, taken = along(own, true[:count], 0.05 * away[0, :count], 0.5 * away[1, :count])
+            rise = (V - np.minimum.accumulate(V, axis=0)).max()
+            spent = 0.5 * period * np.cumsum(taken[1:] + taken[:-1], axis=0)
+            above = (V[1:] - (V[0] - spent)).max()
+            print(
+                f"V at {V.size} samples, {1 / period:g} Hz, {count} robots in {where}, "
+                f"{time.process_time() - began:.1f} s: at most {V[0].max():.3g} J at first and {V[-1].max():.3g} J at "
+                f"last; above V(0) - int s'Ks dt by {above:.2e} J at most, above what it was before by {rise:.2e} J at "
+                "most",
+                flush=True,
+            )
+
+
+def lyapunov_in_core(
+    law: AdaptiveTracking, true: np.ndarray, q_off: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """V and sᵀK s of a second of many robots, each a model of its own, of shape (samples, runs) each."""
+    found, taken = [], []
+    for theta, off, rate in zip(true, q_off, v, strict=True):
+        robot = ccpin.ReducedModel(ccpin.load(with_constants(law.model, law.constants(theta))))
+        motion = ccpin.simulate(robot, law, law.near.q + off, rate, duration=1.0, sample_period=law.period)
+        told, D = law.estimates(motion), robot.terms_many(motion.q, motion.v).D
+        s, away = told.s, told.values - theta
+        found.append(0.5 * np.einsum("si,sij,sj->s", s, D, s) + 0.5 * (away**2 / law.gain).sum(axis=1))
+        taken.append(np.einsum("si,ij,sj->s", s, law.K, s))
+    return np.array(found).T[:-1], np.array(taken).T[:-1]
 
 
 def lyapunov_in_lanes(

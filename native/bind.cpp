@@ -36,6 +36,7 @@ NB_MODULE(_core, module) {
       .def("forward_dynamics", &Kernel::forward_dynamics, near, arg("v"), arg("u"), q, wrenches)
       .def("generalized_force", &Kernel::generalized_force, near, arg("v"), arg("a"), q, wrenches)
       .def("inverse_dynamics", &Kernel::inverse_dynamics, near, arg("v"), arg("a"), q, wrenches)
+      .def("regressor", &Kernel::regressor, near, arg("v"), arg("a"), arg("v_r"), q)
       .def("gravity", &Kernel::gravity, near, q)
       .def("transmission", &Kernel::transmission, near, q)
       .def("constraint_forces", &Kernel::constraint_forces, near, arg("v"), arg("u"), q, wrenches)
@@ -48,10 +49,12 @@ NB_MODULE(_core, module) {
       .def("forward_dynamics_many", &Kernel::forward_dynamics_many, arg("Q"), arg("V"), arg("U"), near, threads)
       .def("generalized_force_many", &Kernel::generalized_force_many, arg("Q"), arg("V"), arg("A"), near, threads)
       .def("inverse_dynamics_many", &Kernel::inverse_dynamics_many, arg("Q"), arg("V"), arg("A"), near, threads)
+      .def("regressor_many", &Kernel::regressor_many, arg("Q"), arg("V"), arg("A"), arg("V_r"), near, threads)
       .def("forward_dynamics_derivatives_many", &Kernel::forward_dynamics_derivatives_many, arg("Q"), arg("V"),
            arg("U"), near, threads)
       .def("simulate", &Kernel::simulate, near, nb::arg("law"), nb::arg("run"), nb::arg("tableau"),
            nb::arg("nominal").none() = nb::none(), nb::arg("nominal_near") = nb::none())
+      .def("learnt", &Kernel::learnt, nb::arg("law"), nb::arg("sampling"), arg("t"), arg("Q"), arg("V"), arg("Q_free"))
       .def(
           "held_motion",
           [](Kernel& kernel, const Kernel& home, nb::dict tableau, double rtol, double atol, double longest,

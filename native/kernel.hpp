@@ -99,6 +99,14 @@ class Kernel {
     if (!w->motors.efforts(v.data, acceleration.data, out, pushes)) return nb::none();
     return a;
   }
+  nb::object regressor(In near, In v, In acceleration, In v_r, In q) {
+    Pool::Lease w(pool_);
+    if (!v.is_vector(m.n) || !acceleration.is_vector(m.n) || !v_r.is_vector(m.n) || !close(w->model, near, q)) return nb::none();
+    double* out;
+    nb::object a = new_array({m.n, ccpin::constants(m)}, out);
+    w->regressor.matrix(v.data, acceleration.data, v_r.data, out);
+    return a;
+  }
   nb::object gravity(In near, In q) {
     Pool::Lease w(pool_);
     if (!close(w->model, near, q)) return nb::none();
@@ -224,6 +232,18 @@ class Kernel {
       return good;
     });
   }
+  nb::object regressor_many(In Q, In V, In A, In V_r, In near, int threads) {
+    const Batch batch(*this, near, Q);
+    if (!batch.good || !rows_of(V, m.n, Q.rows) || !rows_of(A, m.n, Q.rows) || !rows_of(V_r, m.n, Q.rows)) return nb::none();
+    double* out;
+    const Py_ssize_t columns = ccpin::constants(m), size = m.n * columns;
+    const nb::object a = new_array({Q.rows, m.n, columns}, out);
+    return with_mask(a, batch, threads, [&](Workspace& w, Py_ssize_t k, bool good) {
+      if (good) w.regressor.matrix(V.data + k * m.n, A.data + k * m.n, V_r.data + k * m.n, out + k * size);
+      else std::fill_n(out + k * size, size, NAN);
+      return good;
+    });
+  }
   nb::object forward_dynamics_derivatives_many(In Q, In V, In U, In near, int threads) {
     const Batch batch(*this, near, Q);
     if (!batch.good || !rows_of(V, m.n, Q.rows) || !rows_of(U, m.motors, Q.rows)) return nb::none();
@@ -251,6 +271,7 @@ class Kernel {
     const auto [a, b, c] =
         reading::checked([&] { return std::tuple(read_law(law, known), read_run(run, m), read_tableau(tableau)); });
     if (!m.direct && (a.kind != LawKind::constant || b.sampling)) return nb::none();
+    if (a.kind == LawKind::adaptive && !b.sampling) return nb::none();
     const Py_ssize_t rows = b.times.size() + 1, free = b.leaving.may() ? rows : 0;  // and where it stops
     Pool::Lease w(pool_);
     In q;
@@ -281,9 +302,34 @@ class Kernel {
     if (outcome == Outcome::declined) return nb::none();
     constexpr const char* names[] = {"finished", "settled", "evaluations", "seconds", "interrupted", "left"};
     return nb::make_tuple(out.done, T, Q, V, A, U, X, W, F, E, B, names[int(outcome)], simulation.settled_since,
-                          simulation.evaluations, raised, memory_of(simulation.commands()), simulation.time(),
+                          simulation.evaluations, raised, memory_of(simulation), simulation.time(),
                           array_of(simulation.state()), array_of(simulation.place()), simulation.stride(), simulation.creeping(),
                           mode_of(simulation.contact()));
+  }
+
+  // An adaptive law asked again at the samples of a motion, rows of t, q, q̇ and of q′ near σ(q): π̂ as each used it, and u as
+  // held from there on.
+  nb::object learnt(nb::dict law, nb::dict sampling, In T, In Q, In V, In X) {
+    const Py_ssize_t rows = T.size;
+    const bool good = T.dimensions == 1 && rows_of(Q, m.n_q, rows) && rows_of(V, m.n, rows) && rows_of(X, m.nq, rows);
+    if (!good || !m.direct) return nb::none();
+    const auto [a, b] = reading::checked([&] { return std::pair(read_law(law, m), read_sampling(sampling, m)); });
+    if (a.kind != LawKind::adaptive) return nb::none();
+    Pool::Lease w(pool_);
+    LawRunner runner(*w, a, false);
+    SampledCommands commands(*w, runner, b);
+    const Py_ssize_t k = runner.estimate.size();
+    double *estimates, *efforts;
+    const nb::object first = new_array({rows, k}, estimates), second = new_array({rows, m.n}, efforts);
+    for (Py_ssize_t row = 0; row < rows; ++row, estimates += k, efforts += m.n) {
+      if (row % 1024 == 0 && PyErr_CheckSignals() != 0) throw nb::python_error();
+      const std::vector<double> q(Q.data + row * m.n_q, Q.data + (row + 1) * m.n_q);
+      if (!close(w->model, one_row(X, row), one_row(Q, row))) return nb::none();
+      std::copy(runner.estimate.begin(), runner.estimate.end(), estimates);
+      if (!commands.instant(T.data[row], q, V.data + row * m.n)) return nb::none();
+      std::copy(commands.memory.held.begin(), commands.memory.held.end(), efforts);
+    }
+    return nb::make_tuple(first, second);
   }
 
   // Closes the model at σ(q) from `near`, or at `near` itself; false where only the reference can tell.
@@ -326,14 +372,15 @@ class Kernel {
     return true;
   }
 
-  // Reading, velocity, the command held, those on their way (one after the other), and how many samples were taken.
-  static nb::object memory_of(const std::optional<SampledCommands>& commands) {
-    if (!commands) return nb::none();
-    const LoopMemory& memory = commands->memory;
+  // Reading, velocity, the command held, those on their way (one after the other), how many samples were taken, and what the
+  // law has learnt.
+  static nb::object memory_of(const Simulation& simulation) {
+    if (!simulation.commands()) return nb::none();
+    const LoopMemory& memory = simulation.commands()->memory;
     std::vector<double> pending;
     for (const std::vector<double>& u : memory.pending) pending.insert(pending.end(), u.begin(), u.end());
     return nb::make_tuple(array_of(memory.reading), array_of(memory.velocity), array_of(memory.held), array_of(pending),
-                          memory.count);
+                          memory.count, array_of(simulation.estimate()));
   }
   static nb::object mode_of(const std::optional<StickSlip>& contact) {
     if (!contact) return nb::none();
@@ -423,6 +470,11 @@ class Kernel {
              kernel.close_at(w.model, q, [&](const double* x) { return w.model.sigma(x, closed); });
     }
   };
+  static In one_row(const In& x, Py_ssize_t row) {
+    In one;
+    one.data = x.data + row * x.size, one.rows = 1, one.size = x.size, one.dimensions = 1;
+    return one;
+  }
   static bool rows_of(const In& x, Py_ssize_t width, Py_ssize_t rows) { return x.is_matrix(width) && x.rows == rows; }
 
   template <class F> nb::object with_mask(nb::object arrays, const Batch& batch, int threads, F&& f) {

@@ -6,6 +6,8 @@
 //   pd_gravity       u = K_p e + K_v ė + g(q)
 //   computed_torque  u = D (q̈_d + K_v ė + K_p e) + C q̇ + g
 //   pd_plus          u = D q̈_d + C q̇_d + g + K_p e + K_v ė
+//   adaptive         u = Y_r(q, q̇, q̇_d + K_p e, q̈_d + K_p ė) (known + B π̂) − K_v s,  s = q̇ − q̇_d − K_p e, sampled, and π̂ is
+//                    π̂ − rates (Y_r B)ᵀs from the next sample on, within its bounds
 #pragma once
 #include "workspace.hpp"
 
@@ -39,24 +41,35 @@ struct Path {
   }
 };
 
-enum class LawKind { constant, pd, pd_gravity, computed_torque, pd_plus };
-constexpr const char* kLawNames[] = {"constant", "pd", "pd_gravity", "computed_torque", "pd_plus"};
+enum class LawKind { constant, pd, pd_gravity, computed_torque, pd_plus, adaptive };
+constexpr const char* kLawNames[] = {"constant", "pd", "pd_gravity", "computed_torque", "pd_plus", "adaptive"};
+
+// What an adaptive law looks for: k numbers π̂, of p constants known + B π̂.
+struct Learning {
+  std::vector<double> known, basis;                   // p, p × k
+  std::vector<double> rates, lower, upper, estimate;  // k each; the estimate: at first
+};
 
 struct Law {
   LawKind kind;
   Path path;
   std::vector<double> K_p, K_v, constant;  // n × n, n × n, n (u's size where the law is that)
+  Learning learning;
 };
 
 // A law at work. Its model is the plant's, closed where the motion is, or one of its own (a nominal one), which it closes
 // itself at the same q, on the branch of where that is closed at first.
 class LawRunner {
  public:
-  LawRunner(Workspace& w, const Law& law, bool own) : w_(w), m_(w.model.m), law_(law), own_(own) {
+  std::vector<double> estimate;  // π̂ as the next sample will use it
+
+  LawRunner(Workspace& w, const Law& law, bool own)
+      : estimate(law.learning.estimate), w_(w), m_(w.model.m), law_(law), own_(own) {
     if (closes_itself()) w_.model.remember(near_);
     q_.resize(m_.n_q);
     for (auto* x : {&v_, &a_, &e_, &edot_, &demand_, &model_part_}) x->resize(m_.n);
     D_.resize(size_t(m_.n) * m_.n), C_ = D_, rho_.resize(size_t(m_.nv) * m_.n), rho_dot_ = rho_;
+    Y_.resize(m_.n * law.learning.known.size()), learnt_.resize(m_.n * estimate.size());
   }
 
   // Whether the law reads the model at q.
@@ -87,6 +100,7 @@ class LawRunner {
         for (int i = 0; i < n; ++i) demand_[i] += a_[i];
         w_.model.inverse(v, demand_.data(), u);
         return true;
+      case LawKind::adaptive: learn(v, u); return true;
       case LawKind::pd_plus:
         w_.terms.matrices(v, D_.data(), C_.data(), rho_.data(), rho_dot_.data());
         w_.model.gravity(model_part_.data());
@@ -104,7 +118,35 @@ class LawRunner {
   const Law& law_;
   const bool own_;
   ClosedPoint near_;
-  std::vector<double> q_, v_, a_, e_, edot_, demand_, model_part_, D_, C_, rho_, rho_dot_;
+  std::vector<double> q_, v_, a_, e_, edot_, demand_, model_part_, D_, C_, rho_, rho_dot_, Y_, learnt_;
+
+  // One sample of an adaptive law: u, and the estimate from the next one on.
+  void learn(const double* v, double* u) {
+    const Learning& l = law_.learning;
+    const int n = m_.n, k = int(estimate.size()), p = int(l.known.size());
+    std::vector<double>& s = demand_;
+    for (int i = 0; i < n; ++i)  // q̇_r and q̈_r
+      for (int j = 0; j < n; ++j) v_[i] += law_.K_p[i * n + j] * e_[j], a_[i] += law_.K_p[i * n + j] * edot_[j];
+    for (int i = 0; i < n; ++i) s[i] = v[i] - v_[i];
+    w_.regressor.matrix(v, a_.data(), v_.data(), Y_.data());
+    std::fill(learnt_.begin(), learnt_.end(), 0.);
+    for (int i = 0; i < n; ++i) {
+      const double *Y = Y_.data() + size_t(i) * p, *B = l.basis.data();
+      double* learnt = learnt_.data() + size_t(i) * k;
+      u[i] = 0;
+      for (int c = 0; c < p; ++c, B += k) {
+        u[i] += Y[c] * l.known[c];
+        for (int j = 0; j < k; ++j) learnt[j] += Y[c] * B[j];
+      }
+      for (int j = 0; j < k; ++j) u[i] += learnt[j] * estimate[j];
+      for (int j = 0; j < n; ++j) u[i] -= law_.K_v[i * n + j] * s[j];
+    }
+    for (int j = 0; j < k; ++j) {
+      double slope = 0;
+      for (int i = 0; i < n; ++i) slope += learnt_[size_t(i) * k + j] * s[i];
+      estimate[j] = std::min(std::max(estimate[j] - l.rates[j] * slope, l.lower[j]), l.upper[j]);
+    }
+  }
 };
 
 }  // namespace ccpin

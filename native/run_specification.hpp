@@ -16,6 +16,17 @@ inline bool read_pushes(const In& rows, const Mechanism& m, Pushes& pushes) {
   return true;
 }
 
+inline Learning read_learning(nb::dict d, const Mechanism& m) {
+  using namespace reading;
+  Learning l;
+  l.known = numbers(d["known"], constants(m)), l.estimate = numbers(d["estimate"]);
+  const size_t k = l.estimate.size();
+  l.basis = numbers(d["basis"], l.known.size() * k), l.rates = numbers(d["rates"], k);
+  l.lower = numbers(d["lower"], k), l.upper = numbers(d["upper"], k);
+  for (size_t j = 0; j < k; ++j) require(l.lower[j] <= l.upper[j], "a constant's bounds are the wrong way round");
+  return l;
+}
+
 inline Law read_law(nb::dict d, const Mechanism& m) {
   using namespace reading;
   const size_t n = m.n;
@@ -30,7 +41,9 @@ inline Law read_law(nb::dict d, const Mechanism& m) {
     require(law.path.breaks[k] > law.path.breaks[k - 1], "a path's breaks do not increase");
   const size_t pieces = law.path.breaks.empty() ? 0 : law.path.breaks.size() - 1;
   law.path.coefficients = numbers(d["coefficients"], pieces * (law.path.degree + 1) * n);
-  law.K_p = numbers(d["K_p"], n * n), law.K_v = numbers(d["K_v"], n * n), law.constant = numbers(d["constant"], n);
+  law.K_p = numbers(d["K_p"], n * n), law.K_v = numbers(d["K_v"], n * n);
+  if (law.kind == LawKind::adaptive) law.learning = read_learning(nb::cast<nb::dict>(d["learning"]), m);
+  else law.constant = numbers(d["constant"], n);
   return law;
 }
 

@@ -171,6 +171,7 @@ class Simulation : public Follower {
   }
   const std::optional<SampledCommands>& commands() const { return commands_; }
   const std::optional<StickSlip>& contact() const { return contact_; }
+  const std::vector<double>& estimate() const { return law_.estimate; }
 
   // Where the run has come to: the time, (q, q̇), q′ and the step it would take next (0: to be chosen).
   double time() const { return solver_.t; }

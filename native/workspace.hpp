@@ -2,6 +2,7 @@
 #pragma once
 #include "derivatives.hpp"
 #include "motors.hpp"
+#include "regressor.hpp"
 #include "terms.hpp"
 
 #include <memory>
@@ -14,7 +15,8 @@ struct Workspace {
   Terms terms;
   Derivatives derivatives;
   Motors motors;
-  explicit Workspace(const Mechanism& m) : model(m), terms(model), derivatives(model), motors(model) {}
+  Regressor regressor;
+  explicit Workspace(const Mechanism& m) : model(m), terms(model), derivatives(model), motors(model), regressor(model) {}
 };
 
 class Pool {

@@ -85,7 +85,7 @@ class Bench:
             "t": 0.0,
             "proved": False,
         }
-        right |= {"failures": None, "Q": [self.q], "V": [self.rest], "U": [self.rest], "A": [self.rest]}
+        right |= {"failures": None, "Q": [self.q], "V": [self.rest], "U": [self.rest], "A": [self.rest], "V_r": None}
         right |= {
             "wrench": np.zeros(6),
             "efforts": None,

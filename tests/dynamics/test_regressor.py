@@ -13,6 +13,7 @@ from ccpin.description import Coupling, CouplingTerm
 from ccpin.dynamics.parameters import INERTIAL, KINDS
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
 from tests.oracles.finite_differences import derivative
+from tests.support.agreement import reference_model
 from tests.support.strategies import Growth, mechanisms
 
 ANKLE = "docs/howto/ankle.urdf"
@@ -179,6 +180,10 @@ def test_batches_are_rows_asked_for_alone():
     Y = model.regressor_many(Q, V, A)
     for k in range(5):
         np.testing.assert_allclose(Y[k], model.at(Q[k]).regressor(V[k], A[k]), rtol=1e-12, atol=1e-13)
+    R = rng.normal(size=(5, 2))
+    Y_r = model.regressor_many(Q, V, A, V_r=R, threads=2)
+    for k in range(5):
+        np.testing.assert_allclose(Y_r[k], model.at(Q[k]).regressor(V[k], A[k], R[k]), rtol=1e-12, atol=1e-13)
     failures = {}
     Q[2] = [np.pi, 0.0]
     Y = model.regressor_many(Q, V, A, failures=failures)
@@ -187,6 +192,20 @@ def test_batches_are_rows_asked_for_alone():
     assert np.isfinite(Y[[0, 1, 3, 4]]).all()
     with pytest.raises(InvalidInputError, match="different lengths"):
         model.regressor_many(Q, V, A[:4])
+    with pytest.raises(InvalidInputError, match="V_r has shape"):
+        model.regressor_many(Q, V, A, V_r=V[:, :1])
+
+
+@pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is not in use")
+@pytest.mark.parametrize("name", ["rpdr", "delta", "bennett", ANKLE])
+def test_the_core_s_is_the_reference_s(name):
+    """Y_r to 1e-13 of its largest entry, with all constants that joints can have."""
+    model = ccpin.ReducedModel(ccpin.load(name))
+    reference, rng = reference_model(model.mechanism), np.random.default_rng(8)
+    for _ in range(3):
+        state, v, a, v_r = moving(model, rng)
+        known = reference.at(state.q, state.q_free).regressor(v, a, v_r)
+        np.testing.assert_allclose(state.regressor(v, a, v_r), known, rtol=0, atol=1e-13 * np.abs(known).max())
 
 
 def test_names_units_and_values():

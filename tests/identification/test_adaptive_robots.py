@@ -38,30 +38,37 @@ class Robot:
         self.plant = ccpin.ReducedModel(ccpin.load(with_constants(self.law.model, self.law.constants(self.theta))))
         e, s = (rng.choice([-1.0, 1.0], 2) * most for most in START)
         wanted = self.law.reference.at(0.0)
-        self.simulator = ccpin.Simulator(self.plant, None)
-        self.simulator.reset(wanted.q + e, wanted.v + s - self.law.slope @ e)
+        self.start = wanted.q + e, wanted.v + s - self.law.slope @ e
 
     def shares(self, duration, adverse=False):
-        """The largest |e|, |s| and |u| of all samples over their bounds, and ∫ sᵀKs over its own.
-
-        Adverse: no estimate is learnt; each sample takes the one of the box that pushes away most.
-        """
+        """The largest |e|, |s| and |u| of all samples over their bounds, and ∫ sᵀKs over its own."""
         law, known, worst, drained = self.law, self.known, np.zeros(3), 0.0
-        run = law.begin()
-        for k in range(round(duration / law.period)):
-            t, state, v = k * law.period, self.simulator.state, self.simulator.v
-            e, s, wanted = law.error(t, state.q), law.sliding(t, state.q, v), law.reference.at(t)
-            if adverse:
-                Y = state.regressor(v, wanted.a - law.slope @ (v - wanted.v), v - s) @ law.basis
-                u = law.step(t, state, v, np.where(s @ Y > 0.0, law.upper, law.lower)).effort
-            else:
-                u = run.torque(t, state, v)
+        for t, q, v, u in zip(*(self.pushed if adverse else self.learning)(duration), strict=True):
+            e, s = law.error(t, q), law.sliding(t, q, v)
             cell = np.searchsorted(known.times, t, side="right") - 1
             shares = e / known.errors[cell], s / known.sliding[cell], u / known.efforts
             worst = np.maximum(worst, [np.abs(share).max() for share in shares])
             drained += law.period * s @ law.K @ s
-            self.simulator.step(u, law.period)
         return worst, drained / (known.mean_square(duration) @ np.diag(law.K) / 2 * duration)
+
+    def learning(self, duration):
+        """t, q, q̇ and u of all samples, as the law runs."""
+        motion = ccpin.simulate(self.plant, self.law, *self.start, duration=duration, sample_period=self.law.period)
+        count = round(duration / self.law.period)
+        return (column[:count] for column in (motion.t, motion.q, motion.v, motion.u))
+
+    def pushed(self, duration):
+        """The same with nothing learnt: each sample takes the estimate of the box that pushes away most."""
+        law, simulator, samples = self.law, ccpin.Simulator(self.plant, None), []
+        simulator.reset(*self.start)
+        for k in range(round(duration / law.period)):
+            t, state, v = k * law.period, simulator.state, simulator.v
+            s, wanted = law.sliding(t, state.q, v), law.reference.at(t)
+            Y = state.regressor(v, wanted.a - law.slope @ (v - wanted.v), v - s) @ law.basis
+            u = law.step(t, state, v, np.where(s @ Y > 0.0, law.upper, law.lower)).effort
+            samples.append((t, state.q, v, u))
+            simulator.step(u, law.period)
+        return zip(*samples, strict=True)
 
 
 @pytest.mark.parametrize("adverse", [False, True])

@@ -158,14 +158,14 @@ def ask_everything(kernel: Any, numbers: dict[str, Any], rng: np.random.Generato
         singles = {
             "constraints": (near,), "constraint_rate": (near, rng.normal(size=nv)), "rcond": (near,),
             "sigma": (q, near), "closed_point": (near, q), "blocked": (near, q),
-            "terms": (near, v, q), "gravity": (near, q),
+            "terms": (near, v, q), "gravity": (near, q), "regressor": (near, v, a, v, q),
             "forward_dynamics": (near, v, u, q), "generalized_force": (near, v, a, q), "energy": (near, v, q),
             "inverse_dynamics": (near, v, a, q), "transmission": (near, q), "constraint_forces": (near, v, u, q),
             "bearing_forces": (near, v, u, q), "generalized_force_derivatives": (near, v, a, q),
             "forward_dynamics_derivatives": (near, v, u, q),
             "sigma_many": (Q, near, 2), "terms_many": (Q, V, near, 2), "forward_dynamics_many": (Q, V, U, near, 2),
             "generalized_force_many": (Q, V, A, near, 2), "inverse_dynamics_many": (Q, V, A, near, 2),
-            "forward_dynamics_derivatives_many": (Q, V, U, near, 2),
+            "forward_dynamics_derivatives_many": (Q, V, U, near, 2), "regressor_many": (Q, V, A, V, near, 2),
         }  # fmt: skip
         for name in PUSHED:
             singles[f"{name} "] = (*singles[name], pushed)
@@ -177,7 +177,8 @@ def ask_everything(kernel: Any, numbers: dict[str, Any], rng: np.random.Generato
             with contextlib.suppress(TypeError):  # None where an array must be
                 getattr(kernel, name)(*spoilt)
             calls += 2
-    calls += _ask_for_runs(kernel, near, (n_q, n, nv, motors), rng)
+    columns = sum(10 + {1: 5, 4: 4 - (joint[0] == "planar")}.get(joint[2][2], 3) for joint in numbers["joints"])
+    calls += _ask_for_runs(kernel, near, (n_q, n, nv, motors, columns), rng)
     return calls
 
 
@@ -185,10 +186,12 @@ def _ask_for_runs(kernel: Any, near: np.ndarray, sizes: tuple[int, ...], rng: np
     """Short runs with each integrator, and with a spoilt law, run or tableau; some that may leave their coordinates."""
     from ccpin.simulation.integration.core_numbers import TABLEAUX
 
-    n_q, n, nv, motors = sizes
-    zero, kinds = np.zeros(n * n).tolist(), ["constant", "pd", "pd_gravity", "computed_torque", "pd_plus"]
+    n_q, n, nv, motors, columns = sizes
+    zero, kinds = np.zeros(n * n).tolist(), ["constant", "pd", "pd_gravity", "computed_torque", "pd_plus", "adaptive"]
     law = {"kind": str(rng.choice(kinds)), "start": [0.0] * n_q, "breaks": [], "degree": 0, "coefficients": [],
-           "K_p": zero, "K_v": zero, "constant": [0.0] * n}  # fmt: skip
+           "K_p": zero, "K_v": zero, "constant": [0.0] * n,
+           "learning": {"known": [0.1] * columns, "basis": [0.1] * (2 * columns), "rates": [0.1] * 2,
+                        "lower": [0.5] * 2, "upper": [2.0] * 2, "estimate": [1.0] * 2}}  # fmt: skip
     if law["kind"] == "constant":
         law["constant"] = [0.1] * motors
     leaving = {"most": float(rng.choice([1e-3, 1e3])), "turn": 2.0, "rows": [1.0] * nv, "columns": [1.0] * n}
@@ -225,7 +228,13 @@ def _ask_for_runs(kernel: Any, near: np.ndarray, sizes: tuple[int, ...], rng: np
         spoil(arguments[int(rng.integers(3))], rng)
         with contextlib.suppress(ValueError):
             kernel.simulate(near, *arguments)
-    return 4 * len(TABLEAUX)
+        rows = [np.tile(x, (3, 1)) for x in (np.zeros(n_q), rng.normal(size=n), near)]
+        spoilt, k = list(rows), int(rng.integers(3))
+        spoilt[k] = spoilt_array(rows[k], rng)
+        for told, motion in ((law, rows), (arguments[0], spoilt)):
+            with contextlib.suppress(ValueError, TypeError):  # no loop where one must be
+                kernel.learnt(told, run["sampling"], np.linspace(0.0, 2e-3, 3), *motion)
+    return 6 * len(TABLEAUX)
 
 
 def _numbers(rng: np.random.Generator, size: int) -> np.ndarray:

@@ -24,6 +24,7 @@ POWER = {
     "C": (2, False),
     "g": (1, False),
     "tau": (2, False),
+    "regressor": (2, False),
     "gravity": (1, False),
     "energy": (1, False),
     "acceleration": (2, True),
@@ -126,6 +127,7 @@ def _reference(model, state, v, a, u, pushed):
     yield "jacobian_rate", constraints.rate(value, state.v_free(v))
     terms = state.terms(v)
     yield from ((name, getattr(terms, name)) for name in ("v_free", "rho", "rho_dot", "D", "C", "g"))
+    yield "regressor", _smooth(model, state.regressor(v, a, a[::-1]))
     yield "gravity", state.g
     yield "energy", np.array(state.energy(v))
     for name, wrenches in (("", None), ("pushed ", pushed)):
@@ -143,6 +145,7 @@ def _native(kernel, state, q, near, v, a, u, pushed):
     yield from zip(("phi", "jacobian"), kernel.constraints(q_free), strict=True)
     yield "jacobian_rate", kernel.constraint_rate(q_free, state.v_free(v))
     yield from zip(names[1:], kernel.terms(q_free, v)[1:], strict=True)
+    yield "regressor", _smooth(state.model, kernel.regressor(q_free, v, a, a[::-1]))
     yield "gravity", kernel.gravity(q_free)
     yield "energy", kernel.energy(q_free, v)
     for name, rows in (("", None), ("pushed ", pushed)):
@@ -153,6 +156,11 @@ def _native(kernel, state, q, near, v, a, u, pushed):
         yield from zip([name + field for field in GeneralizedForceDerivatives._fields], of_force, strict=True)
         of_motion = kernel.forward_dynamics_derivatives(q_free, v, u, None, rows)
         yield from zip([name + field for field in ForwardDynamicsDerivatives._fields], of_motion, strict=True)
+
+
+def _smooth(model, Y):
+    """Its columns but those of dry friction, whose sign(q̇′) rounding decides where a joint does not turn."""
+    return Y[:, np.array(model.parameters.kinds) != "friction"]
 
 
 def random_states(model, rng, count, size=0.3):

@@ -81,6 +81,15 @@ class ControlLaw(abc.ABC):
         """The law in constants, ``None`` where it has none. `stated` is what asks for it."""
         return None
 
+    def adopt(self, t: float, u: Array, learnt: Array) -> None:  # noqa: B027  (a law that remembers nothing need not)
+        """Go on from the compiled core's run of what it states.
+
+        Args:
+            t: When the core asked last, s.
+            u: What the law gave then, of shape (motors,).
+            learnt: What it remembers from there on.
+        """
+
 
 def stated(law: ControlLaw | None) -> Statement | None:
     """What a law is in constants, unless it or a class of its own does otherwise; no law at all is no torque."""
@@ -251,6 +260,10 @@ class Delayed(ControlLaw):
         """The law's, on a clock that starts later."""
         found = stated(self.law)
         return None if found is None else found._replace(start=found.start + self.start)
+
+    def adopt(self, t: float, u: Array, learnt: Array) -> None:
+        """The law does, on its clock."""
+        self.law.adopt(self._clock(t), u, learnt)
 
     def _clock(self, t: float) -> float:
         """t − start; a switch that is not later than t on the clock outside is not later on the law's own."""

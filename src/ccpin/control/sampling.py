@@ -186,10 +186,12 @@ class SampledCommands:
             "count": self._count,
         }
 
-    def adopt(self, memory: tuple[Array, Array, Array, Array, float]) -> None:
-        """Go on from what the compiled core's loop remembers: reading, velocity, held, pending, count."""
-        self._reading, self._velocity, self._held, pending, count = memory
+    def adopt(self, memory: tuple[Array, Array, Array, Array, float, Array]) -> None:
+        """Go on from what the compiled core's loop remembers: reading, velocity, held, pending, count, and learnt."""
+        self._reading, self._velocity, self._held, pending, count, learnt = memory
         self._pending, self._count = deque(np.reshape(pending, (-1, len(self._held)))), int(count)
+        last = self._start + (self._count - 1) * self._sampling.period
+        self.law.adopt(last, [self._held, *self._pending][-1], learnt)
 
     def instant(self, t: float, state: State, v: Array) -> float:
         """Where a sample is due: measure, filter, compute the command, hold the one due. When the next one is."""

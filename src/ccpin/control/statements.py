@@ -13,13 +13,31 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, frozen
-from ccpin.control.references import PiecewisePolynomial
+from ccpin.control.references import PiecewisePolynomial, Reference
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 
 _NOTHING = frozen(np.empty(0))  # a constant that a law does not have
 
-LawKind = Literal["constant", "pd", "pd_gravity", "computed_torque", "pd_plus"]
+LawKind = Literal["constant", "pd", "pd_gravity", "computed_torque", "pd_plus", "adaptive"]
+
+
+class Learning(NamedTuple):
+    """What an adaptive law learns: θ, k numbers of all constants π = known + B θ, sampled.
+
+    Attributes:
+        known: Of shape (p,). basis: B, of shape (p, k).
+        rates: T Γ's diagonal: θ̂ becomes θ̂ − T Γ (Y_r B)ᵀ s within its bounds, of shape (k,).
+        lower, upper: These bounds, alike.
+        estimate: θ̂ as the next sample uses it, alike.
+    """
+
+    known: Array
+    basis: Array
+    rates: Array
+    lower: Array
+    upper: Array
+    estimate: Array
 
 
 class Statement(NamedTuple):
@@ -33,6 +51,8 @@ class Statement(NamedTuple):
     `pd_gravity`       K_p e + K_v ė + g(q)                                  (30)
     `computed_torque`  D (q̈_d + K_v ė + K_p e) + C q̇ + damping q̇ + g
     `pd_plus`          D q̈_d + C q̇_d + damping q̇_d + g + K_p e + K_v ė       (30)
+    `adaptive`         Y_r(q, q̇, q̇_r, q̈_r) π̂ − K_v (q̇ − q̇_r), sampled,
+                       q̇_r = q̇_d + K_p e, q̈_r = q̈_d + K_p ė
     =================  ====================================================  =============================
 
     Attributes:
@@ -43,6 +63,7 @@ class Statement(NamedTuple):
         K_p, K_v: Gains, symmetric positive definite, (n, n).
         constant: Of shape (n,); a constant u of shape (motors,).
         start: When the law's clock shows zero, s.
+        learning: Of an adaptive law.
     """
 
     kind: LawKind
@@ -53,6 +74,7 @@ class Statement(NamedTuple):
     K_v: Array = _NOTHING
     constant: Array = _NOTHING
     start: float = 0.0
+    learning: Learning | None = None
 
     @property
     def idle(self) -> bool:
@@ -63,6 +85,11 @@ class Statement(NamedTuple):
     def holds(self) -> bool:
         """Whether q_d is constant: a set-point law."""
         return self.reference is not None and not self.reference.breaks.size
+
+
+def polynomial_of(reference: Reference) -> PiecewisePolynomial | None:
+    """A reference as a piecewise polynomial, ``None`` where it is none by its own word."""
+    return reference.as_polynomial() if speaks_for(reference, "as_polynomial") else None
 
 
 def speaks_for(thing: object, statement: str) -> bool:

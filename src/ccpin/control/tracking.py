@@ -16,7 +16,7 @@ from ccpin.arrays import Array, instance, vector
 from ccpin.control.control_law import ControlLaw, Measurement
 from ccpin.control.laws import ModelLaw
 from ccpin.control.references import Reference, ReferenceState, require_commuting
-from ccpin.control.statements import LawKind, Statement, speaks_for
+from ccpin.control.statements import LawKind, Statement, polynomial_of
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.kinematics.points import moved
@@ -78,8 +78,8 @@ class TrackingLaw(ModelLaw):
         return state.efforts(state.g - self._damping(v, state))
 
     def _stated(self, kind: LawKind) -> Statement:
-        path = self.reference.as_polynomial() if speaks_for(self.reference, "as_polynomial") else None
-        return Statement(kind, self.model, self.near, path, self.K_p, self.K_v, np.zeros(self.model.n))
+        path, nothing = polynomial_of(self.reference), np.zeros(self.model.n)
+        return Statement(kind, self.model, self.near, path, self.K_p, self.K_v, nothing)
 
     @abc.abstractmethod
     def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, state: State) -> Array:

@@ -6,7 +6,7 @@ What the paper has no letter for comes beside it: springs are part of V and so o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -22,7 +22,6 @@ from ccpin.dynamics.derivatives import (
     InverseDynamicsDerivatives,
 )
 from ccpin.dynamics.free_system import Energy, FreeSystem
-from ccpin.dynamics.linear_forces import regressor
 from ccpin.dynamics.parameters import DynamicParameters, dynamic_parameters
 from ccpin.dynamics.reference_backend import ReferenceBackend
 from ccpin.dynamics.state import Near, ReducedTerms, State
@@ -308,13 +307,26 @@ class ReducedModel:
         return ForwardDynamicsDerivatives(*found)
 
     def regressor_many(
-        self, Q: Rows, V: Rows, A: Rows, near: Near = None, *, threads: int = 1, failures: Failures | None = None
+        self,
+        Q: Rows,
+        V: Rows,
+        A: Rows,
+        near: Near = None,
+        *,
+        V_r: Rows | None = None,
+        threads: int = 1,
+        failures: Failures | None = None,
     ) -> Array:
-        """`State.regressor` of each row of Q, V and A, of shape (N, n, p)."""
-        v, a = rows(V, "V", self.n), rows(A, "A", self.n)
-        together(v, a)
-        there = self.terms_many(Q, v, near, threads=threads, failures=failures)
-        return regressor(self.mechanism.tree, self.free_system, there.q_free, there.rho, there.rho_dot, v, a, v)
+        """`State.regressor` of each row of Q, V, A and V_r (default V), of shape (N, n, p)."""
+        v = rows(V, "V", self.n)
+        given = [rows(Q, "Q", self.nq), v, rows(A, "A", self.n), v if V_r is None else rows(V_r, "V_r", self.n)]
+
+        def alone(row: int) -> tuple[Array]:
+            q, *rates = (array[row] for array in given)
+            return (self.at(q, near).regressor(*rates),)
+
+        shape = self.n, len(self.parameters)
+        return self._many("regressor", given, near, threads, [shape], failures, alone)[0]
 
     def _many(
         self,
@@ -324,19 +336,20 @@ class ReducedModel:
         threads: int,
         shapes: Sequence[tuple[int, ...]],
         failures: Failures | None,
+        alone: Callable[[int], Sequence[Array]] | None = None,
     ) -> list[Array]:
-        """Each row of the arguments given to the shorthand of that name, field by field."""
+        """Each row of the arguments given to the shorthand of that name, or to `alone`, field by field."""
         count = together(*given)
         found = getattr(self.core, f"{name}_many")(*given, self._place(near), whole(threads, "threads"))
         if found is not None:
             finite = np.logical_and.reduce([np.isfinite(array).all(axis=1) for array in given])
             found = ((found[0],) if len(shapes) == 1 else found[0]), found[1] & finite
 
-        def alone(row: int) -> Sequence[Array]:
+        def shorthand(row: int) -> Sequence[Array]:
             answer = getattr(self, name)(*(array[row] for array in given), near)
             return (answer,) if len(shapes) == 1 else answer
 
-        return completed(found, alone, count, shapes, failures)
+        return completed(found, alone or shorthand, count, shapes, failures)
 
     def _configuration(self, q_free: ArrayLike, name: str = "q_free") -> Array:
         return checked_configuration(self.free_system.model, q_free, name)

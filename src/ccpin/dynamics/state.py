@@ -265,6 +265,9 @@ class State:
             a: q̈, or q̈_r, of shape (n,).
             v_r: q̇_r of Slotine and Li's law, which C(q̇) and the dampers multiply, of shape (n,); default q̇.
         """
+        answer = self.model.core.regressor(self.q_free, v, a, v if v_r is None else v_r)
+        if answer is not None:
+            return np.asarray(answer)
         velocity = self._velocity(v)
         along = velocity if v_r is None else vector(v_r, "v_r", self.model.n)
         given = self.q_free, self.rho, self.rho_dot(velocity), velocity, self._acceleration(a), along

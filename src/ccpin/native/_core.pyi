@@ -61,6 +61,11 @@ class Kernel:
     ) -> Array | None:
         """The actuated joints' efforts u of least norm, of shape (motors,); ``None`` where they may not suffice."""
 
+    def regressor(
+        self, near: Near, v: ArrayLike, a: ArrayLike, v_r: ArrayLike, q: ArrayLike | None = None
+    ) -> Array | None:
+        """Y_r, of shape (n, constants): `State.regressor`."""
+
     def gravity(self, near: Near, q: ArrayLike | None = None) -> Array | None:
         """g (25), of shape (n,)."""
 
@@ -107,6 +112,9 @@ class Kernel:
     def inverse_dynamics_many(
         self, Q: ArrayLike, V: ArrayLike, A: ArrayLike, near: Near, threads: int = 1
     ) -> tuple[Array, Mask] | None: ...
+    def regressor_many(
+        self, Q: ArrayLike, V: ArrayLike, A: ArrayLike, V_r: ArrayLike, near: Near, threads: int = 1
+    ) -> tuple[Array, Mask] | None: ...
     def forward_dynamics_derivatives_many(
         self, Q: ArrayLike, V: ArrayLike, U: ArrayLike, near: Near, threads: int = 1
     ) -> tuple[Triple, Mask] | None: ...
@@ -126,6 +134,17 @@ class Kernel:
         (q, q̇), q′, the step it would take next, how many steps in a row were next to nothing, as in
         `ccpin.simulation.integration.core_runs.CoreRun`, which says what the arguments hold, too.
         """
+
+    def learnt(
+        self,
+        law: dict[str, object],
+        sampling: dict[str, object],
+        t: ArrayLike,
+        Q: ArrayLike,
+        V: ArrayLike,
+        Q_free: ArrayLike,
+    ) -> tuple[Array, Array] | None:
+        """An adaptive law asked again at N samples: π̂ as each used it (N, k), u held from there on (N, n)."""
 
     def held_motion(
         self,

@@ -10,6 +10,7 @@ from ccpin import control, native
 from ccpin.cli import main
 from ccpin.control.control_law import HeldEffort
 from ccpin.errors import SlowRunWarning
+from ccpin.identification import AdaptiveTracking
 from ccpin.native import core_of
 from ccpin.simulation import Event
 from ccpin.simulation.integration.notes import KNOWN
@@ -125,6 +126,8 @@ def test_the_laws_that_are_named_are_stepped(rpdr_model):
     for name in names:
         if name == "HeldEffort":
             law = HeldEffort(np.zeros(2))
+        elif name == "AdaptiveTracking":
+            law = AdaptiveTracking(rpdr_model, hold, 20.0, 2.0, gain=1.0, period=1e-3, adapted="body")
         else:
             leads = here if name in ("PDSimpleGravity", "PDFullGravity") else hold
             law = getattr(control, name)(rpdr_model, leads, 20.0, 2.0)

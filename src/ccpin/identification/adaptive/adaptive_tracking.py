@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, instance, numbers, positive, vector
-from ccpin.control.control_law import ControlLaw, Measurement
+from ccpin.control.control_law import ControlLaw, Measurement, stated
 from ccpin.control.laws import ModelLaw
 from ccpin.control.references import Reference, require_commuting
 from ccpin.control.sampling import Sampling
+from ccpin.control.statements import Learning, Statement, polynomial_of
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
@@ -146,6 +147,13 @@ class AdaptiveTracking(ModelLaw):
         """The law at the start of a run, with the first estimate."""
         return Adapting(self)
 
+    def statement(self) -> Statement:
+        """The law with its first estimate: K_p is Λ, K_v is K."""
+        rates = self.period * self.gain
+        learning = Learning(self.known, self.basis, rates, self.lower, self.upper, self.initial)
+        path = polynomial_of(self.reference)
+        return Statement("adaptive", self.model, self.near, path, self.slope, self.K, learning=learning)
+
     def constants(self, estimate: ArrayLike) -> DynamicParameters:
         """All constants of the mechanism with those of an estimate, of shape (k,): `with_constants` takes them.
 
@@ -235,6 +243,17 @@ class Adapting(ControlLaw):
     def __init__(self, law: AdaptiveTracking) -> None:
         self.law, self.period, self.estimate = law, law.period, law.initial
         self._last: tuple[float, Array] | None = None
+
+    def statement(self) -> Statement | None:
+        """The law's, with the estimate as it is."""
+        told = stated(self.law)
+        if told is None or told.learning is None:
+            return None
+        return told._replace(learning=told.learning._replace(estimate=self.estimate))
+
+    def adopt(self, t: float, u: Array, learnt: Array) -> None:
+        """Go on with the estimate that the compiled core has come to by the sample at t."""
+        self._last, self.estimate = (t, u), frozen(learnt)
 
     def torque(self, t: float, state: State | Measurement, v: Array) -> Array:
         """u of the sample at time t; asked again for it the law answers the same and learns nothing.

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance
+from ccpin.control.control_law import stated
 from ccpin.control.sampling import SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.proof.digests import require_same
+from ccpin.simulation.integration.core_numbers import law_numbers
 from ccpin.simulation.results.trajectory import Trajectory
 
 _APART = 1e-6  # of the largest effort: an effort asked for again that is this far from what the motors got is another
@@ -41,28 +43,46 @@ def asked_again(law: Any, motion: Trajectory, sampling: Sampling | None, true: A
     loop = Sampling(law.period) if sampling is None else instance(sampling, "sampling", Sampling)
     if loop.period != law.period:
         raise InvalidInputError(f"sampling has another period than the law: {loop.period:g} s, not {law.period:g} s")
-    rows, run = _rows(motion.t, law.period), law.begin()
-    place = 0
+    rows = _rows(motion.t, law.period)
+    t, q, v = float(motion.t[0]) + law.period * np.arange(len(rows)), motion.q[rows], motion.v[rows]
+    values, efforts = _in_core(law, loop, t, motion, rows) or _in_python(law, loop, t, motion, rows)
+    _require_these(model, efforts, motion.u[rows])
+    wanted = [law.reference.at(when) for when in t.tolist()]
+    e = np.array([model.coordinates.difference(goal.q, x) for goal, x in zip(wanted, q, strict=True)])
+    s = v - np.array([goal.v for goal in wanted]) + e @ law.slope.T
+    V = list[float]()
+    if true is not None:
+        at = zip(t.tolist(), rows.tolist(), values, strict=True)
+        V = [law.lyapunov(when, _at(model, motion, row), motion.v[row], x, true) for when, row, x in at]
+    return EstimateHistory(motion.t[rows], values, e, s, np.array(V))
+
+
+def _in_core(law: Any, loop: Sampling, t: Array, motion: Trajectory, rows: Array) -> tuple[Array, Array] | None:
+    """Estimates and efforts held at each sample; ``None`` where only the reference can tell."""
+    run, model = law.begin(), law.model
+    told = law_numbers(model, stated(run))
+    if told is None or np.any(loop.encoder_noise) or motion.q_free.shape[1] != model.mechanism.nq:
+        return None
+    numbers = SampledCommands(model, run, loop, motion.q[0], motion.v[0], t[0]).numbers()
+    found = model.core.learnt(told, numbers, t, motion.q[rows], motion.v[rows], motion.q_free[rows])
+    return None if found is None else (found[0], found[1])
+
+
+def _in_python(law: Any, loop: Sampling, t: Array, motion: Trajectory, rows: Array) -> tuple[Array, Array]:
+    """The same of any law, loop and motion."""
+    run, model, place = law.begin(), law.model, 0
 
     def measured(*_: object) -> tuple[Array, Array, Array]:
         return motion.q[place], motion.v[place], motion.q_free[place]
 
-    start = float(motion.t[0])
-    commands = SampledCommands(model, run, loop, motion.q[0], motion.v[0], start, measured)
-    values, efforts, found = list[Array](), list[Array](), list[float]()
-    for number, row in enumerate(rows.tolist()):
-        place, t = row, start + number * law.period
+    commands = SampledCommands(model, run, loop, motion.q[0], motion.v[0], t[0], measured)
+    values, efforts = list[Array](), list[Array]()
+    for when, place in zip(t.tolist(), rows.tolist(), strict=True):
         values.append(run.estimate)
-        state = _at(model, motion, row)
-        commands.instant(t, state, motion.v[row])
-        efforts.append(commands.effort(t, state, motion.v[row]))
-        if true is not None:
-            found.append(law.lyapunov(t, state, motion.v[row], values[-1], true))
-    _require_these(model, np.array(efforts), motion.u[rows])
-    t, q, v = motion.t[rows], motion.q[rows], motion.v[rows]
-    e = np.array([law.error(*each) for each in zip(t, q, strict=True)])
-    s = np.array([law.sliding(*each) for each in zip(t, q, v, strict=True)])
-    return EstimateHistory(t, np.array(values), e, s, np.array(found))
+        state = _at(model, motion, place)
+        commands.instant(when, state, motion.v[place])
+        efforts.append(commands.effort(when, state, motion.v[place]))
+    return np.array(values), np.array(efforts)
 
 
 def _rows(t: Array, period: float) -> Array:

@@ -77,7 +77,7 @@ def recorded_law(law: ControlLaw | None, model: ReducedModel) -> Statement:
     if law is None:
         raise InvalidInputError("'torque' and 'lyapunov' are a law's: give law=")
     told = stated(law)
-    if told is None or (told.kind == "constant" and not told.idle):
+    if told is None or told.kind == "adaptive" or (told.kind == "constant" and not told.idle):
         raise UnsupportedMechanismError(
             "programs know PDSimpleGravity, PDFullGravity, PDOnlineGravity, PDPlus and ComputedTorque, not "
             f"{type(law).__name__}"

@@ -11,7 +11,7 @@ from ccpin.arrays import Array
 from ccpin.control.statements import Statement
 from ccpin.dynamics.reduced_model import ReducedModel
 
-_KINDS = ("constant", "pd", "pd_gravity", "computed_torque", "pd_plus")  # the core knows these
+_KINDS = ("constant", "pd", "pd_gravity", "computed_torque", "pd_plus", "adaptive")  # the core knows these
 
 
 def law_numbers(model: ReducedModel, law: Statement | None) -> dict[str, Any] | None:
@@ -32,6 +32,7 @@ def law_numbers(model: ReducedModel, law: Statement | None) -> dict[str, Any] | 
         "K_p": law.K_p.ravel().tolist(),
         "K_v": law.K_v.ravel().tolist(),
         "constant": law.constant.tolist(),
+        "learning": law.learning and {name: each.ravel().tolist() for name, each in law.learning._asdict().items()},
     }
 
 

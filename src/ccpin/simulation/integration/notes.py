@@ -18,7 +18,7 @@ from ccpin.simulation.integration.coordinate_switching import CoordinateSwitchin
 from ccpin.simulation.integration.core_numbers import TABLEAUX, law_numbers
 from ccpin.simulation.results.limit_violations import at_effort_limits
 
-KNOWN = "PDSimpleGravity, PDFullGravity, PDOnlineGravity, PDPlus, ComputedTorque and HeldEffort"
+KNOWN = "PDSimpleGravity, PDFullGravity, PDOnlineGravity, PDPlus, ComputedTorque, AdaptiveTracking and HeldEffort"
 _LONG = 10.0  # s in Python: whoever waits longer is warned
 AT_LIMITS = "efforts at their limits"
 """What a note begins with that tells which motors gave all they have, though they can hold start and goal."""

@@ -414,7 +414,7 @@ class Simulator:
             "friction": run.contact.numbers(),
             **self._plant.effort_bounds.numbers(),
         }
-        found = run_in_core(self.model, self._law, self._method, run.here, numbers, settling, budget)
+        found = run_in_core(self.model, run.commands.law, self._method, run.here, numbers, settling, budget)
         if found is None:
             return None
         self.stop = found.stop

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, numbers
-from ccpin.control.control_law import ControlLaw, Measurement, NoTorque, TorqueFunction, require_called_as
+from ccpin.control.control_law import ControlLaw, Measurement, NoTorque, TorqueFunction, require_called_as, stated
+from ccpin.control.statements import Statement
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
@@ -76,6 +77,14 @@ class CheckedLaw(ControlLaw):
     def next_switch(self, t: float) -> float | None:
         """The law's."""
         return self._law.next_switch(t)
+
+    def statement(self) -> Statement | None:
+        """The law's."""
+        return stated(self._law)
+
+    def adopt(self, t: float, u: Array, learnt: Array) -> None:
+        """The law does."""
+        self._law.adopt(t, u, learnt)
 
     def _sized(self, u: ArrayLike) -> Array:
         found = frozen(numbers(u, "what the law returned"))  # a law may write into its own again
