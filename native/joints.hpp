@@ -36,6 +36,7 @@ struct Joint {
   Mat3 inertia;        // about that centre
   std::array<double, 6> armature, damping;
   double stiffness, rest;  // of its spring, k and θ₀; only where q′ holds one plain number
+  double stribeck_speed;   // 0: its dry friction does not fall
 };
 
 // Where the circle or quaternion of a configuration begins and how long it is; (0, 0): none.

@@ -1,4 +1,4 @@
-// Slotine and Li's regressor, Y_r π = D q̈_r + C(q̇) q̇_r + damping q̇_r + g + ρᵀf with f = c sign(q̇′) of joints that rub: linear in
+// Slotine and Li's regressor, Y_r π = D q̈_r + C(q̇) q̇_r + damping q̇_r + g + ρᵀf with f the joints' dry friction: linear in
 // the constants π of ccpin.dynamics.parameters, body by body, then joint by joint. Where q̇_r = q̇ it is that of (22).
 //
 // A body brings its ten columns in its own frame, in which its constants are stated. With its twists V and V_r for q̇ and q̇_r,
@@ -13,8 +13,11 @@
 namespace ccpin {
 
 constexpr int kBodyConstants = 10;
-// Rotor, damper, dry friction; of joints that can have a spring that, and where q′ holds one plain number its offset.
-inline int joint_constants(const Joint& joint) { return joint.nq == 1 ? 5 : joint.kind == Kind::spherical ? 4 : 3; }
+// Rotor, damper, dry friction; of joints that can have a spring that, and where q′ holds one plain number its offset; and
+// where a Stribeck speed is stated by how much friction falls from rest on.
+inline int joint_constants(const Joint& joint) {
+  return (joint.nq == 1 ? 5 : joint.kind == Kind::spherical ? 4 : 3) + (joint.stribeck_speed > 0);
+}
 inline int constants(const Mechanism& m) {
   int count = 0;
   for (size_t j = 1; j < m.joints.size(); ++j) count += kBodyConstants + joint_constants(m.joints[j]);
@@ -104,7 +107,8 @@ class Regressor {
     for (int s = 0; s < joint.nv; ++s) {
       const int col = m_.column_of[joint.v] + s, at = r_.offset[k] + col;
       const double rate = r_.v_free[at], way = double(rate > 0) - double(rate < 0);
-      const double each[] = {a_r_[at], v_r_[at], way, s < 3 ? stretch[s] : 0., -1.};
+      double each[] = {a_r_[at], v_r_[at], way, s < 3 ? stretch[s] : 0., -1., 0.};
+      if (joint.stribeck_speed > 0) each[count - 1] = way * std::exp(-std::pow(rate / joint.stribeck_speed, 2));
       for (int i = 0; i < c.n(); ++i)
         for (int t = 0; t < count; ++t)
           Y[size_t(c.independent[i]) * columns_ + t] += r_.states[k].rho[size_t(col) * c.n() + i] * each[t];

@@ -101,7 +101,7 @@ class Reader {
     const std::vector<double> damping = numbers(t[9], nv), spring = numbers(t[10], 2);
     j.damping.fill(0);
     std::copy(damping.begin(), damping.end(), j.damping.begin());
-    j.stiffness = spring[0], j.rest = spring[1];
+    j.stiffness = spring[0], j.rest = spring[1], j.stribeck_speed = number(t[11]);
     return j;
   }
 

@@ -82,7 +82,7 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
 
 
 def _joint(mechanism: Mechanism, joint: TreeJoint) -> tuple[Any, ...]:
-    """Kind, parent, (q, v, nq, nv), placement, axis, mass, centre, inertia about it, rotors, dampers, (k, θ₀)."""
+    """Kind, parent, (q, v, nq, nv), placement, axis, mass, centre, inertia about it, rotors, dampers, (k, θ₀), v_s."""
     model, stated = mechanism.tree.model, joint.stated
     if stated.stiffness and joint.kind.unit:
         raise UnsupportedMechanismError(f"the compiled core does not know the spring of '{joint.name}', a ball joint")
@@ -99,6 +99,7 @@ def _joint(mechanism: Mechanism, joint: TreeJoint) -> tuple[Any, ...]:
         model.armature[joint.v].tolist(),
         [stated.damping] * joint.kind.nv,
         [stated.stiffness, stated.spring_reference],
+        stated.stribeck_speed,
     )
 
 

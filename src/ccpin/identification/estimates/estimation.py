@@ -239,7 +239,7 @@ def identify(
 
 
 class _Fitted(NamedTuple):
-    """A model, samples of its motions, what they tell apart, W β = τ, its fit, and ∂τ/∂v_s: Stribeck speeds follow β."""
+    """A model, samples, what they tell apart, W β = τ, its fit, and ∂τ/∂v_s: Stribeck speeds follow β."""
 
     model: ReducedModel
     samples: Sequence[EffortSamples]
