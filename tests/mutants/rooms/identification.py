@@ -6,6 +6,16 @@ from tests.mutants.room import Excused, Room
 
 _CLAIMS = ("identification/test_rank_claims.py", "identification/test_more_sensors.py")
 _ADAPTIVE = ("identification/test_adaptive_tube_claims.py",)
+_EQUATIONS = tuple(
+    f"{_ADAPTIVE[0]}::test_{name}"
+    for name in (
+        "equations_that_are_none",
+        "what_may_just_be",
+        "equations_cannot_be_written_to",
+        "which_constants_only_add",
+        "inertias_that_are_just_definite",
+    )
+)
 _LEVELS = ("identification/test_sharp_adaptive.py",)
 _STRUCTURE = ("identification/test_vanishing.py", "identification/test_more_sensors.py")
 
@@ -67,7 +77,7 @@ ROOMS = (
             *("AdaptiveEquations.masses", "AdaptiveEquations.bodies", "AdaptiveEquations.motion"),
             "AdaptiveEquations.__reduce__",
         ),
-        _ADAPTIVE,
+        _EQUATIONS,
         (
             (
                 "np.where(own > 0.0, own, 1.0)",

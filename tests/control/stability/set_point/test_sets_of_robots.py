@@ -158,7 +158,7 @@ def test_what_a_set_adds_to_bounds(monkeypatch):
     draw = np.random.default_rng(2)
     told = {
         name: GravityBounds(
-            draw.normal(size=3), draw.normal(size=(3, 2)), draw.normal(size=(3, 2, 2)), draw.random(3),
+            1e3 * draw.normal(size=3), draw.normal(size=(3, 2)), draw.normal(size=(3, 2, 2)), draw.random(3),
             draw.random((3, 2, 2)), draw.random((3, 4, 2)),
         )
         for name in ("own", "first", "second")
