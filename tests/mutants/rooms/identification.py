@@ -17,6 +17,15 @@ _EQUATIONS = tuple(
         "inertias_that_are_just_definite",
     )
 )
+_TOLD = tuple(
+    f"{_ADAPTIVE[0]}::test_{name}"
+    for name in (
+        "dry_friction_is_named",
+        "a_certificate_says_what_its_fact_does",
+        "what_is_asked_of_motors_is_what_they_have",
+        "a_fact_about_another_law_says_nothing_of_this",
+    )
+)
 _LEVELS = ("identification/test_sharp_adaptive.py",)
 _SPANS = ("identification/test_vanishing.py::test_spans",)
 _STRUCTURE = (
@@ -127,7 +136,7 @@ ROOMS = (
             *(f"AdaptiveCertificate.{name}" for name in ("verdict", "_known", "_beyond", "sliding", "efforts")),
             *("AdaptiveCertificate.mean_square", "certify_adaptive", "equations_of", "_motors_of", "_check"),
         ),
-        _ADAPTIVE,
+        _TOLD,
     ),
 )
 
