@@ -9,7 +9,7 @@ import pytest
 from ccpin.control.stability.tracking.cell_forms import WIDEN, CellForms, TimeCells
 from ccpin.control.stability.tracking.motion_bounds import Motion
 from ccpin.control.stability.tracking.tracking_equations import ReferencePieces
-from ccpin.identification.adaptive import adaptive_bounds, adaptive_levels
+from ccpin.identification.adaptive import adaptive_bounds, adaptive_levels, adaptive_states
 from ccpin.identification.adaptive.adaptive_bounds import CellBounds, _middle, bounds_of
 from ccpin.identification.adaptive.adaptive_equations import AdaptiveGains
 from ccpin.identification.adaptive.adaptive_levels import carried, decay_of, delayed, grip_of, levels_of
@@ -309,7 +309,7 @@ def test_a_box_is_within_its_half_of_its_middle():
     np.testing.assert_array_equal(_middle(LOWER, UPPER), [0.5 * (LOWER + UPPER), 0.5 * (UPPER - LOWER)])
 
 
-def test_states_are_functions_of_time_errors_and_the_rate():
+def test_states_are_functions_of_time_errors_and_the_rate(monkeypatch):
     """At corners of the parameters: q̇, v_r and a_r of e and s, and their rates with the cell's own ṡ and jerk."""
     rng, slope, count = np.random.default_rng(50), np.array([8.0, 5.0]), 3
     lin = [rng.normal(size=(1 + 2 * N, count, size)) for size in (5, N, N, N, N, N)]
@@ -337,6 +337,9 @@ def test_states_are_functions_of_time_errors_and_the_rate():
     assert all(form.boxed == 1 + 3 * N for form in (found.theta, *found.asked, *found.rate, found.error))
     np.testing.assert_allclose(found.rate.a.rad, jerk.deviation + WIDEN * (1.0 + np.abs(jerk.middle)), atol=2e-12)
     assert np.all(found.rate.a.rad > jerk.deviation + WIDEN * (1.0 + np.abs(jerk.middle)))
+    monkeypatch.setattr(adaptive_states, "WIDEN", 0.25)
+    wide = states_of(given, jerk, slope, rates).rate.a.rad
+    np.testing.assert_allclose(wide, jerk.deviation + 0.25 * (1.0 + np.abs(jerk.middle)), rtol=1e-9)
     two = found.chunk(slice(1, 3))
     np.testing.assert_array_equal(two.theta.mid, found.theta.mid[1:])
     np.testing.assert_array_equal(two.rate.a.lin, found.rate.a.lin[:, 1:])

@@ -39,12 +39,7 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "control/stability/set_point/set_point_reading",
         ("masses_of", "_padded"),
-        (
-            "control/stability/set_point/test_sharp_gravity.py",
-            "control/stability/set_point/test_sets_of_robots.py",
-            "control/stability/set_point/test_sharp_potential.py",
-            f"{_GRAVITY}::test_centre_is_exact",
-        ),
+        ("control/stability/set_point/test_sharp_potential.py", "control/stability/set_point/test_sharp_sets.py"),
         (
             ("if number == 0 or inertia.mass", "not asked: inertia.mass", "what has no mass weighs nothing"),
             ("if number == 0 or inertia.mass", "not asked: number == 0", "the tree keeps no mass of its base"),

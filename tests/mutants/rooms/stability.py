@@ -5,7 +5,8 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _WELLS = ("control/stability/set_point/test_sharp_wells.py",)
-_SETS = ("control/stability/set_point/test_sets_of_robots.py",)
+_SETS = ("control/stability/set_point/test_sharp_sets.py",)
+_ADDED = ("control/stability/set_point/test_sets_of_robots.py::test_what_a_set_adds_to_bounds",)
 _SUBLEVEL = ("control/stability/set_point/test_sharp_sublevel.py",)
 _TRACKING = ("control/stability/tracking/test_sharp_tracking.py",)
 ROOMS: tuple[Room, ...] = (
@@ -46,7 +47,7 @@ ROOMS: tuple[Room, ...] = (
         ("SublevelProved.examined", "SublevelProved._rest", "exposed", "_meets"),
         _SUBLEVEL,
     ),
-    Room("control/stability/set_point/potential", ("_ROUNDING", "gravity_bounds", "potential_of"), _SETS),
+    Room("control/stability/set_point/potential", ("_ROUNDING", "gravity_bounds", "potential_of"), _ADDED),
     Room("control/stability/set_point/set_point_reading", ("radii_of",), _SETS),
     Room("control/stability/set_point/set_point_certificate", ("SetPointCertificate._highest",), _SETS),
     Room(
