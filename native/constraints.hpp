@@ -71,7 +71,13 @@ class Constraints : public Kinematics {
       for (const int end = row + m.loops[i].size; row < end; ++row) s.residual[row] = -s.residual[row];
     }
     for (int i : c.couplings) coupling_jacobian(m.couplings[i], c, s, row++);
-    for (int i : c.components) component_jacobian(m.coordinates[i], c, s, q, row++);
+    for (int i : c.components) component_jacobian(m.coordinates[i], c, s, row++);
+    return gaps(c, s, q);
+  }
+  // The gaps to q alone, where all else is as `residuals` has left it. Returns the same.
+  double gaps(const Cluster& c, ClusterState& s, const double* q) const {
+    int row = c.phi_rows();
+    for (int i : c.components) s.residual[row++] = q ? component_gap(m.coordinates[i], q) : 0;
     double size = 0;
     for (double r : s.residual) size = std::max(size, std::abs(r));
     if (q) {
@@ -146,13 +152,12 @@ class Constraints : public Kinematics {
     s.residual[row] = -(coupling.modulus > 0 ? std::remainder(total, coupling.modulus) : total);
   }
 
-  void component_jacobian(const Coordinate& k, const Cluster& c, ClusterState& s, const double* q, int row) const {
+  void component_jacobian(const Coordinate& k, const Cluster& c, ClusterState& s, int row) const {
     const Joint& joint = m.joints[k.joint];
     double along[6], unused[6];
     component_row(k, q_free.data() + joint.q, nullptr, along, unused);
     double* J = s.J.data() + size_t(row) * c.width();
     for (int i = 0; i < joint.nv; ++i) J[c.place[m.column_of[joint.v] + i]] = along[i];
-    s.residual[row] = q ? component_gap(k, q) : 0;
   }
 };
 

@@ -82,6 +82,11 @@ class Kinematics {
     return {V, E.A - C.A - cross(C.V, V)};
   }
 
+  bool same_cluster(const Cluster& c, const double* x, const double* y) const {
+    return std::all_of(c.joints.begin(), c.joints.end(), [&](int j) {
+      return std::equal(x + m.joints[j].q, x + m.joints[j].q + m.joints[j].nq, y + m.joints[j].q);
+    });
+  }
   void copy_cluster(const Cluster& c, const double* from, double* to) const {
     if (from == to) return;
     for (int j : c.joints) std::copy(from + m.joints[j].q, from + m.joints[j].q + m.joints[j].nq, to + m.joints[j].q);

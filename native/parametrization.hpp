@@ -105,7 +105,7 @@ class Parametrization : public DeadEnds {
   std::vector<double> before_, ended_;
   std::vector<double> open_by_;  // −φ of an open start,
   double opening_ = 0;           // and how much of it shall be left
-  bool wants_rho_ = true;
+  bool wants_rho_ = true, factorized_ = false;  // the latter: whether Newton's last method has ended with ψ_q′ factorised
   std::vector<double> missing_, gap_;  // residual and gap of the start
   double shrank_ = 0;                  // the largest ratio of a correction to the one before
 
@@ -130,8 +130,11 @@ class Parametrization : public DeadEnds {
   // Nonlinear Problems, 2004, sec. 2.1). Otherwise it is tried where corrections shrink so fast that it will be the last.
   // Where q′ alone is wanted the solution needs no ψ_q′ of its own if the last one's inverse times the way since is so
   // small that the determinant cannot vanish on it.
-  bool newton(const Cluster& c, ClusterState& s, const double* q, const double* start, const Known* known, bool& open) {
+  // `linearized`: ψ_q′ is factorised at the start already, for the last one has ended there.
+  bool newton(const Cluster& c, ClusterState& s, const double* q, const double* start, const Known* known, bool& open,
+              bool linearized = false) {
     copy_cluster(c, start, q_free.data());
+    factorized_ = false;
     const int first = known && c.n() ? 1 : 0;
     int sign = first ? known->sign : 0;
     shrank_ = 0;
@@ -150,7 +153,8 @@ class Parametrization : public DeadEnds {
     int served = 0;              // corrections that the factor at hand has made
     double inverse = 0, way = 0;  // the size of its inverse, and the length of these
     for (int iteration = first; iteration < kMaxNewton; ++iteration) {
-      const double size = opening_ > 0 ? residuals_left(c, s, q) : residuals(c, s, q);
+      const bool there = linearized && iteration == 0;
+      const double size = there ? gaps(c, s, q) : opening_ > 0 ? residuals_left(c, s, q) : residuals(c, s, q);
       const bool closed = size <= m.tolerance || (iteration && last <= kNoise && size <= 100 * m.tolerance);
       if (served && closed && !wants_rho_ && inverse * way <= kStill)
         if (const Turn turn = turn_since(before_, s); !turn.near_singular()) return clear(turn);
@@ -163,14 +167,14 @@ class Parametrization : public DeadEnds {
           continue;
         }
       }
-      factorize(c, s);
+      if (!there) factorize(c, s);
       if (iteration == 0) {
         missing_ = s.residual, gap_ = s.gap;
         sign = s.factor.sign;
         for (int r = 0; r < c.phi_rows(); ++r) open |= std::abs(s.residual[r]) > kOpenStart;
       }
       if (too_singular(c, s) || s.factor.sign != sign) return false;
-      if (closed) return finish(c, s, true) && (iteration == 0 || accepted(c, s, start, size));
+      if (closed) return (factorized_ = finish(c, s, true)) && (iteration == 0 || accepted(c, s, start, size));
       const double length = iteration && wants_rho_ ? newton_step(c, s) : probing_step(c, s, inverse);
       if (iteration == 0) before_ = s.probe;
       if (!(length <= kLargestMove)) return false;
@@ -267,24 +271,24 @@ class Parametrization : public DeadEnds {
     dead_end_.begin(c, m, q, start);
     set_line(c, q, start);
     Approach approach;
-    const bool reached = follow(c, s, start, [&](double ahead) { target(c, q, ahead); }, [&](double done, double arc) {
+    const bool reached = follow(c, s, start, true, [&](double ahead) { target(c, q, ahead); }, [&](double done, double arc) {
       return approach.nears_end(done, arc, 1 / norm(s.probe)) && ends_before(c, s, q, approach);
     });
     if (!reached && dead_end_.done == 1) stopped(approach.done[2]);
     return reached;
   }
   // In steps that Newton trusts, halved where he does not and doubled after two that he did, from a start to q_ahead_ as
-  // f(1) sets it; given up where `ends` says so of what is done, and of the last step's length.
+  // f(1) sets it; given up where `ends` says so of what is done, and of the last step's length. `closed`: φ shall be zero.
   template <class F, class G>
-  bool follow(const Cluster& c, ClusterState& s, const double* start, F&& f, G&& ends) {
+  bool follow(const Cluster& c, ClusterState& s, const double* start, bool closed, F&& f, G&& ends) {
     copy_cluster(c, start, here_.data());
     double done = 0, stride = 0.5;
-    bool open = false, grows = true;
+    bool open = false, grows = true, linearized = false;
     while (stride >= kShortestStep) {
       const double ahead = std::min(1.0, done + stride);
       f(ahead);
-      if (!newton(c, s, q_ahead_.data(), here_.data(), nullptr, open)) {
-        stride *= 0.5, grows = false;
+      if (!newton(c, s, q_ahead_.data(), here_.data(), nullptr, open, linearized)) {
+        stride *= 0.5, grows = linearized = false;
         continue;
       }
       if (ahead == 1) return true;
@@ -292,6 +296,7 @@ class Parametrization : public DeadEnds {
       copy_cluster(c, q_free.data(), here_.data());
       done = ahead, stride *= grows ? 2 : 1, grows = true;
       if (ends(done, arc)) return false;
+      linearized = closed && factorized_ && same_cluster(c, q_free.data(), here_.data());
     }
     return false;
   }
@@ -302,7 +307,7 @@ class Parametrization : public DeadEnds {
     copy_cluster(c, start, q_free.data());
     residuals(c, s, nullptr);
     std::copy_n(s.residual.begin(), c.phi_rows(), open_by_.begin());
-    const bool closed = follow(c, s, start, [&](double ahead) { opening_ = 1 - ahead; }, [](double, double) { return false; });
+    const bool closed = follow(c, s, start, false, [&](double ahead) { opening_ = 1 - ahead; }, [](double, double) { return false; });
     opening_ = 0;
     if (closed) copy_cluster(c, q_free.data(), here_.data());
     return closed;

@@ -98,13 +98,13 @@ class Follower {
     if (!close(state) || (w_.model.suspicious() && w_.model.rcond() < 2 * singular_)) return false;
     const bool stuck = leaving_.may() ? longest_ > kCreeping : w_.model.rcond() < kCreepingRcond;
     creeping_ = length < kCreeping && stuck ? creeping_ + 1 : 0;
-    w_.model.remember(near_);
+    w_.model.remember(near_, true);
     return leaving_.may() || creeping_ < kMostCreeping;
   }
   // Whether the coordinates are to be left at the step just accepted.
   bool poor() const { return leaving_.may() && (creeping_ >= kMostCreeping || leaving_.poor(w_.model)); }
   int creeping() const { return creeping_; }  // how many steps in a row were next to nothing
-  void start_here() { w_.model.remember(near_), closed_.clear(), creeping_ = 0; }
+  void start_here() { w_.model.remember(near_, true), closed_.clear(), creeping_ = 0; }
 
  protected:
   static constexpr double kCreeping = 1e-7, kCreepingRcond = 1e-3, kShortest = 1e-10;
@@ -201,7 +201,9 @@ class Simulation : public Follower {
  private:
   static constexpr int kParts = 8, kContactParts = 4;  // of a step, at whose ends one looks for settling, and for friction
   static constexpr int kMostEvents = 200;              // within a microsecond: then they have no end
-  static constexpr double kWidth = 1e-10;              // s, to which the time of one is found
+  static constexpr double kWidth = 1e-10;              // s, to which the time of one is found,
+  static constexpr double kSharp = 1e-12;              // and between which times guesses leave it,
+  static constexpr int kGuesses = 12;                  // so many at most
   struct Crossing { double t; bool inside; };
   LawRunner law_;
   const Path& path_;
@@ -292,25 +294,43 @@ class Simulation : public Follower {
   }
   // When in the step just tried one of them halts or breaks loose; false: no answer.
   bool look_at_contact(double& broken) {
-    double before = solver_.t;
-    for (int part = 1; part <= kContactParts; ++part) {
-      const double whole = solver_.reached - solver_.t;
-      const bool last = part == kContactParts;
-      double after = last ? solver_.reached : solver_.t + double(part) / kContactParts * whole;
-      bool found;
-      if (!(last ? broken_at(after, solver_.next.data(), found) : broken_within(after, found))) return false;
-      if (!found) {
-        before = after;
-        continue;
-      }
-      while (after - before > std::max(kWidth, slack(after) / 4)) {
-        const double middle = 0.5 * (before + after);
-        if (!broken_within(middle, found)) return false;
-        (found ? after : before) = middle;
-      }
-      broken = after;
-      break;
+    const double begin = solver_.t, whole = solver_.reached - begin;
+    bool found, ends;
+    const bool known = broken_at(solver_.reached, solver_.next.data(), ends);  // first: the model is closed there
+    const double margin = contact_->margin;
+    double before = begin, left = NAN;
+    for (int part = 1; part < kContactParts; ++part) {
+      const double after = begin + double(part) / kContactParts * whole;
+      if (!broken_within(after, found)) return false;
+      if (found) return halves(before, after, left, contact_->margin, broken);
+      before = after, left = contact_->margin;
     }
+    return known && (!ends || halves(before, solver_.reached, left, margin, broken));
+  }
+  // The same between two times, by halves of what is between them. Where a joint turns back, regula falsi (of Illinois) by
+  // the rates that are left before and beyond has told all but the last of these halves beforehand.
+  bool halves(double before, double after, double left, double beyond, double& broken) {
+    double low = before, high = after;
+    int side = 0;
+    const auto ask = [&](double t) {
+      bool found;
+      if (!broken_within(t, found)) return false;
+      const int now = found ? 1 : -1;
+      if (now == side) (found ? left : beyond) *= 0.5;
+      (found ? high : low) = t, (found ? beyond : left) = contact_->margin, side = now;
+      return true;
+    };
+    const double sharp = std::max(kSharp, slack(after));
+    for (int guesses = 0; guesses < kGuesses && beyond < 0 && high - low > 2 * sharp; ++guesses) {
+      const double part = left > 0 ? left / (left - beyond) : 0.5, guess = low + part * (high - low);
+      if (!ask(std::clamp(guess + (part < 0.5 ? sharp : -sharp), low + sharp, high - sharp))) return false;
+    }
+    while (after - before > std::max(kWidth, slack(after) / 4)) {
+      const double middle = 0.5 * (before + after);
+      if (low < middle && middle < high && !ask(middle)) return false;
+      (middle < high ? before : after) = middle;
+    }
+    broken = after;
     return true;
   }
   // Tells the joints at the state just accepted who has halted; false where they halt and break loose without end.

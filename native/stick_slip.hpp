@@ -9,6 +9,7 @@
 #pragma once
 #include "workspace.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/SVD>
 
 namespace ccpin {
@@ -188,7 +189,9 @@ class StickSlip {
   bool sample(const double* v, const double* u, double* a, double* forces, const Pushes& pushes) {
     gather();
     VecX starts, force;
-    if (!know(v, u, pushes) || (!resting_.empty() && !at_rest(starts, force))) return false;
+    if (mode.locked && still_held(v, u)) slide(v), force = held_force_;
+    else if (!know(v, u, pushes) || (!resting_.empty() && !at_rest(starts, force))) return false;
+    else hold(v, u, force, !starts.any());
     if (mode.locked) std::fill(a, a + m_.n, 0.);
     else if (!answer(a)) return false;
     for (size_t r = 0; r < resting_.size(); ++r) force_[resting_[r]] += force[r];
@@ -199,37 +202,41 @@ class StickSlip {
   // Whether a sliding joint has turned back (then `turned` says which), or a resting one is overloaded; false: no answer.
   bool broken(const double* v, const double* u, const Pushes& pushes, bool& found) {
     move(v);
-    turned.assign(mode.joints.size(), 0), found = false;
-    for (size_t k = 0; k < turned.size(); ++k) found |= (turned[k] = mode.signs[k] * rates_[k] < -kReversed);
+    turned.assign(mode.joints.size(), 0), found = false, margin = INFINITY;
+    for (size_t k = 0; k < turned.size(); ++k)
+      if (mode.signs[k] != 0) {
+        const double left = mode.signs[k] * rates_[k] + kReversed;
+        found |= (turned[k] = left < 0), margin = std::min(margin, left);
+      }
     gather();
-    if (found || resting_.empty()) return true;
-    const bool still = std::all_of(v, v + m_.n, [](double x) { return x == 0; });
-    const std::vector<double>& q = w_.model.q_free;
-    if (still && q == held_q_ && std::equal(held_u_.begin(), held_u_.end(), u)) return true;
+    if (found || resting_.empty() || still_held(v, u)) return true;
     VecX starts, force;
     if (!know(v, u, pushes) || !at_rest(starts, force)) return false;
-    found = (starts.array() != 0).any();
-    held_q_.clear();
-    if (still && !found) held_q_ = q, held_u_.assign(u, u + m_.motors);
+    found = starts.any();
+    hold(v, u, force, !found);
     return true;
   }
   std::vector<int> turned;
+  double margin = 0;  // what the slowest of those that slide has left of its rate, negative where it has turned back
 
  private:
   static constexpr double kRest = 1e-8, kReversed = 1e-14, kWithin = 1e-8, kReleased = 1e-9, kPull = 50, kIndependent = 1e-2,
-                          kNil = 1e-6, kFirm = 1e-6;
+                          kNil = 1e-6, kFirm = 1e-6, kNone = 1e-13, kThere = 1e-4;
   Workspace& w_;
   const Mechanism& m_;
   bool eventful_ = false;
   std::vector<int> cluster_;   // by rubbing joint
   std::vector<int> resting_;   // those at rest
-  std::vector<double> held_q_, held_u_;  // where, and under which u, joints stayed at rest, nothing moving
+  std::vector<double> held_q_, held_u_;  // where, and under which u, joints stayed at rest, nothing moving,
+  VecX held_force_;                      // and their forces there
   MatX rows_, D_, C_, rho_, rho_dot_;    // ρ's rows of the rubbing joints; D, then its Cholesky factor
   VecX rates_, force_, a_, load_;        // their rates and known forces; q̈ and the load under these
-  MatX resting_rows_, reach_, mobility_;  // ρ_r, L⁻¹ρ_rᵀ (D = L Lᵀ) and D⁻¹ρ_rᵀ of those at rest
+  MatX resting_rows_, reach_;            // ρ_r and L⁻¹ρ_rᵀ (D = L Lᵀ) of those at rest
   enum class Shares { unknown, unique, least } known_ = Shares::unknown;
-  MatX compliance_, along_;              // the factor of ρ_r D⁻¹ρ_rᵀ where shares are unique, its eigenvectors where not,
-  VecX softness_;                        // and 1 over its eigenvalues
+  MatX compliance_, along_;              // the factor of ρ_r D⁻¹ρ_rᵀ where shares are unique, V or V S where not,
+  VecX softness_;                        // and S⁻² or S⁻⁴
+  MatX squared_;                         // L⁻¹ρ_rᵀρ_r L⁻ᵀ
+  Eigen::SelfAdjointEigenSolver<MatX> spectrum_;
   VecX bias_;                            // (ρ̇ q̇)_r
 
   static double sign(double x) { return x > 0 ? 1 : x < 0 ? -1 : 0; }
@@ -238,6 +245,16 @@ class StickSlip {
     resting_.clear();
     for (size_t k = 0; k < mode.rest.size(); ++k)
       if (mode.rest[k]) resting_.push_back(int(k));
+  }
+  static bool moves(const double* v, int n) {
+    return std::any_of(v, v + n, [](double x) { return x != 0; });
+  }
+  bool still_held(const double* v, const double* u) const {
+    return w_.model.q_free == held_q_ && !moves(v, m_.n) && std::equal(held_u_.begin(), held_u_.end(), u);
+  }
+  void hold(const double* v, const double* u, const VecX& force, bool stays) {
+    held_q_.clear();
+    if (stays && !moves(v, m_.n)) held_q_ = w_.model.q_free, held_u_.assign(u, u + m_.motors), held_force_ = force;
   }
   MatX rows_at_rest() const {
     MatX rows(resting_.size(), m_.n);
@@ -257,11 +274,16 @@ class StickSlip {
     rates_.noalias() = rows_ * Eigen::Map<const VecX>(v, m_.n);
   }
 
-  // The dynamics under every force that is known: all but that of the joints at rest. False: there are none.
-  bool know(const double* v, const double* u, const Pushes& pushes) {
+  // That, and the forces of joints that are not at rest.
+  void slide(const double* v) {
     move(v);
     for (size_t k = 0; k < mode.joints.size(); ++k)
       force_[k] = -mode.joints[k].viscous * rates_[k] - mode.joints[k].level(rates_[k]) * mode.signs[k];
+  }
+
+  // The dynamics under every force that is known: all but that of the joints at rest. False: there are none.
+  bool know(const double* v, const double* u, const Pushes& pushes) {
+    slide(v);
     load_.noalias() = rows_.transpose() * force_;
     if (!w_.model.forward(v, u, a_.data(), pushes, load_.data())) return false;
     if (resting_.empty()) return true;
@@ -276,7 +298,6 @@ class StickSlip {
     if (!w_.model.mass(D_.data())) w_.terms.matrices(v, D_.data(), C_.data(), rho_.data(), rho_dot_.data());
     if (!cholesky(D_.data(), m_.n)) return false;
     reach_ = D_.triangularView<Eigen::Lower>().solve(resting_rows_.transpose());
-    mobility_ = D_.transpose().triangularView<Eigen::Upper>().solve(reach_);
     known_ = Shares::unknown;
     return true;
   }
@@ -288,11 +309,14 @@ class StickSlip {
     if (resting_.empty()) return true;
     VecX target = -bias_;
     for (size_t r = 0; r < resting_.size(); ++r) target[r] -= kPull * rates_[resting_[r]];
-    out += mobility_ * multipliers(target);
+    out += gained(multipliers(target));
     for (const int k : resting_)
       if (mode.joints[k].coordinate >= 0) a[mode.joints[k].coordinate] = 0;
     return true;
   }
+
+  // D⁻¹ρ_rᵀf.
+  VecX gained(const VecX& force) const { return D_.transpose().triangularView<Eigen::Upper>().solve(reach_ * force); }
 
   // f of least norm with ρ_r(a + D⁻¹ρ_rᵀf) = target; by Cholesky where only one f does it, beyond doubt.
   VecX multipliers(const VecX& target) {
@@ -302,19 +326,32 @@ class StickSlip {
     else missing = along_ * (along_.transpose() * missing).cwiseProduct(softness_);
     return missing;
   }
-  // With B = L⁻¹ρ_rᵀ = U S Vᵀ that is f = V S⁻² Vᵀ(…), of which what S² has below 1e-12 of its largest is none.
+  // With B = L⁻¹ρ_rᵀ = U S Vᵀ that is f = V S⁻² Vᵀ(…), of which what S² has below 1e-12 of its largest is none. Of more
+  // joints than freedoms B Bᵀ = U S² Uᵀ is small, and tells V = Bᵀ U S⁻¹ where each of S² is there or none beyond doubt.
   void find_shares() {
     const Eigen::Index size = reach_.cols();
     if (size <= m_.n) {
-      compliance_ = resting_rows_ * mobility_;
+      compliance_.noalias() = reach_.transpose() * reach_;
       if (cholesky(compliance_.data(), int(size))) {
         const auto pivots = compliance_.diagonal();
         if (pivots.minCoeff() > kIndependent * pivots.maxCoeff()) return void(known_ = Shares::unique);
       }
     }
+    known_ = Shares::least;
+    softness_ = VecX::Zero(m_.n), squared_.noalias() = reach_ * reach_.transpose(), spectrum_.compute(squared_);
+    const VecX& squares = spectrum_.eigenvalues();
+    const double largest = squares[m_.n - 1];
+    bool doubtful = spectrum_.info() != Eigen::Success;
+    for (const double x : squares) doubtful |= x > kNone * largest && x < kThere * largest;
+    if (!doubtful) {
+      along_.noalias() = reach_.transpose() * spectrum_.eigenvectors();
+      for (int i = 0; i < m_.n; ++i)
+        if (squares[i] > kNone * largest) softness_[i] = 1 / (squares[i] * squares[i]);
+      return;
+    }
     const Eigen::JacobiSVD<MatX> svd(reach_, Eigen::ComputeThinV);
     const VecX& sizes = svd.singularValues();
-    along_ = svd.matrixV(), softness_ = VecX::Zero(sizes.size()), known_ = Shares::least;
+    along_ = svd.matrixV(), softness_ = VecX::Zero(sizes.size());
     for (Eigen::Index i = 0; i < sizes.size(); ++i)
       if (sizes[i] > kFirm * sizes[0]) softness_[i] = 1 / (sizes[i] * sizes[i]);
   }
@@ -332,7 +369,7 @@ class StickSlip {
     if (held) return true;
     if (level.size() == 1) force[0] = std::min(std::max(force[0], -level[0]), level[0]);
     else if (!least_constraint(level, force)) return false;
-    const VecX a = pushed + resting_rows_ * (mobility_ * force);
+    const VecX a = pushed + resting_rows_ * gained(force);
     for (Eigen::Index r = 0; r < a.size(); ++r) starts[r] = std::abs(a[r]) > least ? sign(a[r]) : 0;
     return true;
   }

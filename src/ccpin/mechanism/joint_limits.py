@@ -31,10 +31,10 @@ class PositionBound(NamedTuple):
 def position_bounds(mechanism: Mechanism) -> tuple[PositionBound, ...]:
     """Every finite limit of the joints with one displacement."""
     found: list[PositionBound] = []
+    lower, upper = mechanism.position_limits
     for joint in mechanism.tree.joints:
         if joint.kind.nq == joint.kind.nv == 1:
             q, v = joint.q.start, joint.v.start
-            lower, upper = (float(limits[q]) for limits in mechanism.position_limits)
-            found.append(PositionBound(joint.name, "lower", q, v, -1.0, lower))
-            found.append(PositionBound(joint.name, "upper", q, v, 1.0, upper))
+            found.append(PositionBound(joint.name, "lower", q, v, -1.0, float(lower[q])))
+            found.append(PositionBound(joint.name, "upper", q, v, 1.0, float(upper[q])))
     return tuple(bound for bound in found if np.isfinite(bound.limit))

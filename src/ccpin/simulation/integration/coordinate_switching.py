@@ -138,6 +138,14 @@ class CoordinateSwitching:
         told = self._tell(balls, q_free)
         return told, frozen(balls.told_rate(told, v_free))
 
+    def told_rows(self, q_free: Array, v_free: Array, forces: Array) -> tuple[Array, Array, Array]:
+        """q′, q̇′ and forces likewise, of consecutive instants of `model`, a row each."""
+        if self._balls_of(self.model) is None:
+            return q_free, v_free, forces
+        told = [self.told_row(*row) for row in zip(q_free, v_free, strict=True)]
+        rubbed = [self.told_forces(self.model, row) for row in forces]
+        return np.array([q for q, _ in told]), np.array([v for _, v in told]), np.array(rubbed)
+
     def _tell(self, balls: Balls, q_free: Array) -> Array:
         """q′ likewise, nearest to the one told before."""
         self._told = frozen(balls.told(q_free, self._told))

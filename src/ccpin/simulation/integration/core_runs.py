@@ -88,13 +88,13 @@ class CoreRun(NamedTuple):
         reading = found["q"], found["v"], found["a"]
         if switching.model is not home:
             reading = switching.own.coordinates.readings(found["q_free"], found["v_free"], self.a_free)
+        told = switching.told_rows(*(found[name] for name in ("q_free", "v_free", "friction")))
         nothing = np.zeros(home.mechanism.n_free)
-        samples = []
-        columns = found["t"], *reading, *(found[name] for name in ("q_free", "v_free", "friction", "closure_error"))
-        for t, q, v, a, x, w, f, error in zip(*columns, strict=True):
-            told, rubbed = switching.told_row(x, w), switching.told_forces(switching.model, f)
-            samples.append(StateSample(float(t), q, v, a, u, *told, rubbed, nothing, float(error)))
-        return samples
+        columns = found["t"].tolist(), *reading, *told, found["closure_error"].tolist()
+        return [
+            StateSample(t, q, v, a, u, x, w, f, nothing, error)
+            for t, q, v, a, x, w, f, error in zip(*columns, strict=True)
+        ]
 
 
 def run_in_core(

@@ -142,16 +142,19 @@ class Run:
             end = min(command, until)
             switches = switch < end - _slack(end)
             end = switch if switches else end
-            if self.first_step is None and self.here.t + longest < end:  # SciPy probes as far as the end for one
-                end, switches = self.here.t + longest, False
+            if not self.in_core and self.first_step is None and self.here.t + longest < end:
+                end, switches = self.here.t + longest, False  # SciPy probes as far as the end for one
             self._latest = end - _slack(end)
             while self.here.t < end:
-                if self.in_core:
+                core = self.in_core
+                if core:
                     stop = self._core_leg(end, longest, record, limits)
                 else:
                     stop = self._leg(end, longest, record, (*self._watches, *extra), limits)
                 if stop is not None:
                     return stop
+                if core and not self.in_core:
+                    break  # a first step is SciPy's to find
                 if self.here.t < end:
                     self._begin()
             self.first_step = None if switches else self.first_step

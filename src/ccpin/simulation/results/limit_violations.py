@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Literal, NamedTuple
+
+import numpy as np
 
 from ccpin.arrays import Array, instance
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.mechanism.joint_limits import position_bounds
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.results.trajectory import Trajectory
+
+_Quantity = Literal["position", "velocity", "effort"]
 
 
 class Exceeded(NamedTuple):
@@ -24,7 +28,7 @@ class Exceeded(NamedTuple):
     """
 
     joint: str
-    quantity: Literal["position", "velocity", "effort"]
+    quantity: _Quantity
     limit: float
     extreme: float
     since: float
@@ -67,24 +71,24 @@ def shares_in_words(shares: Mapping[str, float]) -> str:
 
 def beyond_limits(mechanism: Mechanism, t: Array, q_free: Array, v_free: Array, u: Array) -> tuple[Exceeded, ...]:
     """The same of samples: times (T,), q′ (T, nq), q̇′ (T, n′) and u (T, motors)."""
-    found = [
-        _beyond(t, bound.joint, "position", bound.limit, q_free[:, bound.q], bound.sign)
-        for bound in position_bounds(mechanism)
-    ]
-    joints = mechanism.joints
-    for k, most in enumerate(joints.velocity):
+    columns = {"position": q_free, "velocity": v_free, "effort": u}
+    ends = {(name, -1.0): values.min(axis=0, initial=np.inf) for name, values in columns.items()}
+    ends |= {(name, 1.0): values.max(axis=0, initial=-np.inf) for name, values in columns.items()}
+    found = []
+    for joint, quantity, limit, column, sign in _limits(mechanism):
+        extreme = float(ends[quantity, sign][column])
+        if sign * (extreme - limit) > 0:
+            over = sign * (columns[quantity][:, column] - limit) > 0
+            found.append(Exceeded(joint, quantity, limit, extreme, float(t[over.argmax()])))
+    return tuple(found)
+
+
+def _limits(mechanism: Mechanism) -> Iterator[tuple[str, _Quantity, float, int, float]]:
+    """Each limit: whose, of what, its value, the column of that, and −1 for a lower one, 1 for an upper."""
+    for bound in position_bounds(mechanism):
+        yield bound.joint, "position", bound.limit, bound.q, bound.sign
+    for k, most in enumerate(mechanism.joints.velocity.tolist()):
         if most > 0:
-            found += [_beyond(t, joints.names[k], "velocity", s * most, v_free[:, k], s) for s in (-1.0, 1.0)]
-    for k, (motor, bounds) in enumerate(zip(mechanism.motors.each, mechanism.motors.limits, strict=True)):
-        pairs = zip((-1.0, 1.0), bounds.tolist(), strict=True)
-        found += [_beyond(t, motor.joint, "effort", b, u[:, k], sign) for sign, b in pairs]
-    return tuple(one for one in found if one is not None)
-
-
-def _beyond(
-    t: Array, joint: str, quantity: Literal["position", "velocity", "effort"], limit: float, values: Array, sign: float
-) -> Exceeded | None:
-    over = sign * (values - limit)
-    if not (over > 0).any():
-        return None
-    return Exceeded(joint, quantity, float(limit), float(values[over.argmax()]), float(t[(over > 0).argmax()]))
+            yield from ((mechanism.joints.names[k], "velocity", sign * most, k, sign) for sign in (-1.0, 1.0))
+    for k, (motor, bounds) in enumerate(zip(mechanism.motors.each, mechanism.motors.limits.tolist(), strict=True)):
+        yield from ((motor.joint, "effort", bound, k, sign) for sign, bound in zip((-1.0, 1.0), bounds, strict=True))
