@@ -76,7 +76,10 @@ class DependentColumns(ProvableClaim):
     def examined(self, *premises: Fact) -> Examined:
         """σ is analytic, forms are bounded there, and small at points of the box: then they are small over it."""
         require(not premises, "a box rests on nothing else")
-        require(self.equations.loop.scalar and self.q.size, "q̇ that are not the rates of q")
+        require(
+            self.equations.loop.scalar and self.q.size and self.radius.size,
+            "no closures, or q̇ that are not the rates of q",
+        )
         require(self.columns < self.equations.sizes["P"], "a constant that is none")
         own = self.combinations[:, self.columns] == np.eye(len(self.columns))
         require(own, "combinations that depend on each other")
@@ -126,7 +129,7 @@ class DependentColumns(ProvableClaim):
         shares = most / (np.concatenate([smooth.ravel(), rubbed.ravel()]) + _LEAST) * _OUT
         left = shares[: smooth.size].reshape(smooth.shape).max(axis=0)
         np.maximum.at(left, rubbing.owners, shares[smooth.size :].reshape(rubbed.shape).max(axis=1))
-        return left
+        return np.asarray(left)
 
 
 def reach(half: Array, rho: float) -> Array:
@@ -201,7 +204,7 @@ def rubbing_of(equations: IdentificationEquations, combinations: Array, seen: Se
     """Rows of rates that are 0 where friction cancels; signs s_c are taken where these are seen.
 
     Raises:
-        NotProvedError: A combination has friction of more than two joints, or of two with other rates.
+        NotProvedError: A combination has friction of more than two joints, of two with other rates, or of one sign.
     """
     rates = np.array([[float(x.mid()) for x in row] for row in seen.rho]).reshape(-1, len(seen.twists[0]))
     rows, owners = list[Array](), list[int]()
@@ -209,6 +212,7 @@ def rubbing_of(equations: IdentificationEquations, combinations: Array, seen: Se
         joints = [(z[place], own) for place, own in equations.frictions if z[place] != 0.0]
         require(len(joints) <= 2, "friction of more than two joints")
         require(len({len(own) for _, own in joints}) <= 1, "friction of two joints with other rates")
+        require(len({level > 0.0 for level, _ in joints}) == len(joints), "friction that adds up")
         for number in range(len(joints[0][1]) if joints else 0):
             row = np.zeros(len(rates))
             (level, own), *others = joints

@@ -46,7 +46,7 @@ def depend(
 ) -> Fact | None:
     """The fact about combinations over |q − c| ≤ h about a configuration x; h is halved until there is one."""
     loop, n = equations.loop, len(equations.loop.independent)
-    if not loop.scalar or not 0 < n <= len(_RHO):
+    if not loop.scalar or not loop.dependent or not 0 < n <= len(_RHO):
         return None
     rho, (degree, last) = _RHO[n - 1], _ORDERS[n - 1]
     points = points_of(n, last)

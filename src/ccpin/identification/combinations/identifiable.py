@@ -83,9 +83,9 @@ class BaseParameters:
             return f"{self.lower} of {count} combinations are identifiable: proved from both sides{more}"
         if self.box is not None:
             return (
-                f"{self.lower} of {count} combinations are identifiable: no fewer, and others are to {SHARE:.0e} of their size "
-                f"combinations of them over ±{self.box.max():.3g} (rad, m) about the reference; of the numbers as written "
-                f"at most {self.upper} are{more}"
+                f"{self.lower} of {count} combinations are identifiable: no fewer, and of these all others are made to "
+                f"{SHARE:.0e} of their size over ±{self.box.max():.3g} (rad, m) about the reference; exactly, at most "
+                f"{self.upper} are{more}"
             )
         return (
             f"at least {self.lower} and at most {self.upper} of {count} combinations are identifiable; "

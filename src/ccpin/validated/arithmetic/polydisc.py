@@ -206,6 +206,7 @@ class Values(NamedTuple):
     slopes: Analytic
 
 
+@np.errstate(all="ignore")
 def evaluated(program: Code, inputs: Analytic, chosen: Sequence[int] = ()) -> Values:
     """A program's outputs over functions, and its slopes by some of its inputs.
 

@@ -65,6 +65,7 @@ class AnalyticBranch(NamedTuple):
         )
 
 
+@np.errstate(all="ignore")
 def analytic_branch(
     loop: ClosedLoopEquations, centre: Array, reach: Array, y: Array, radius: Array, degree: int
 ) -> AnalyticBranch | None:
@@ -97,6 +98,7 @@ def _inputs(loop: ClosedLoopEquations, centre: Array, reach: Array, y: Array, kn
     return Analytic(mid, np.zeros(len(mid)), known)
 
 
+@np.errstate(all="ignore")
 def followed(loop: ClosedLoopEquations, centre: Array, reach: Array, y: Array, degree: int) -> Array | None:
     """Polynomials y_N near σ(c + Rξ), from its value at c: Newton's method for polynomials, a proposal."""
     known, dependent = ring(len(centre), degree), list(loop.dependent)
