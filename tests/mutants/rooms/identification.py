@@ -7,6 +7,7 @@ from tests.mutants.room import Excused, Room
 _CLAIMS = ("identification/test_rank_claims.py", "identification/test_more_sensors.py")
 _ADAPTIVE = ("identification/test_adaptive_tube_claims.py",)
 _LEVELS = ("identification/test_sharp_adaptive.py",)
+_DEPENDENT = ("identification/test_dependent_columns.py",)
 _STRUCTURE = ("identification/test_vanishing.py", "identification/test_more_sensors.py")
 
 ROOMS = (
@@ -39,7 +40,8 @@ ROOMS = (
             "IdentificationEquations.identities",
             "IdentificationEquations.forms",
             "IdentificationEquations._form",
-            "IdentificationEquations._seen",
+            *(f"IdentificationEquations.{name}" for name in ("pairs", "smooth_forms", "seen", "arranged", "stretched")),
+            "IdentificationEquations.frictions",
             *("_stretched", "_masses", "_weights", "_cross", "_sign"),
         ),
         _CLAIMS,
@@ -48,6 +50,14 @@ ROOMS = (
         "identification/combinations/rank_claims",
         ("IndependentColumns.examined", "VanishingCombinations.examined"),
         _CLAIMS,
+    ),
+    Room(
+        "identification/combinations/dependent_columns",
+        (
+            *("_OUT", "_LEAST", "reach", "branch_of", "everywhere", "fastest_of", "_sure", "rubbing_of"),
+            *(f"DependentColumns.{name}" for name in ("examined", "_seen", "_left", "_by_size")),
+        ),
+        _DEPENDENT,
     ),
     Room(
         "identification/adaptive/regressor_bounds",
@@ -113,6 +123,7 @@ ROOMS = (
 )
 
 EXCUSED = (
+    Excused("identification/combinations/dependent_search", (), "proposes; `dependent_columns` checks"),
     Excused("identification/combinations/identifiable", (), "proposes; `rank_claims` checks"),
     Excused(
         "identification/adaptive/adaptive_bounds", ("_NUMBERS", "bounds_of"), "how many cells are bounded at a time"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
+_POLYDISC = ("validated/arithmetic/test_polydisc.py",)
 _WIDE = ("validated/arithmetic/test_sharp_ball_arrays.py",)
 _RECORDED = (
     *(
@@ -79,6 +80,22 @@ _CONSTANTS = "validated/programs/test_sharp_program_constants.py"
 _GUARDED = "validated/programs/test_guarded_programs.py"
 _PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
+    Room(
+        "validated/arithmetic/polydisc",
+        (
+            *("_UNIT", "_OUT", "_LEAST", "_TRIGONOMETRIC", "_TERMS", "ring", "constants", "stacked", "sine_and_cosine"),
+            *("inverse", "unit", "solution", "evaluated", "_double"),
+            *(f"Analytic.{name}" for name in ("size", "__add__", "__sub__", "__mul__", "__matmul__", "scaled", "at")),
+            *(f"Analytic.{name}" for name in ("polynomials", "_by_degree", "_beyond")),
+        ),
+        _POLYDISC,
+    ),
+    Room("validated/arithmetic/chebyshev", ("_OUT", "waves", "beyond", "bounded"), _POLYDISC),
+    Room(
+        "validated/flow/analytic_branch",
+        (*("_OUT", "_ROUGH", "AnalyticBranch.proved", "AnalyticBranch.closed", "analytic_branch", "_inputs"),),
+        ("validated/flow/test_analytic_branch.py",),
+    ),
     Room(
         "validated/arithmetic/ball_arrays",
         (
@@ -768,6 +785,8 @@ ROOMS: tuple[Room, ...] = (
 
 _CHOSEN = "chooses the length of a step, which `attempt` proves"
 EXCUSED: tuple[Excused, ...] = (
+    Excused("validated/arithmetic/polydisc", ("_BITS",), "in how many bits sines are had, before they are doubles"),
+    Excused("validated/flow/analytic_branch", ("followed",), "proposes polynomials: `analytic_branch` checks"),
     Excused("validated/programs/proposals", (), "proposes cells and tubes: `BranchOverCells` says what is proved"),
     Excused("validated/programs/program_equations", ("ProgramEquations.apart",), "where the search begins"),
     Excused("validated/programs/certifying", (), "proposes starts and cuts: the claims say what is proved"),
