@@ -54,7 +54,7 @@ ROOMS = (
     Room(
         "identification/combinations/dependent_columns",
         (
-            *("_OUT", "_LEAST", "reach", "branch_of", "everywhere", "fastest_of", "_sure", "rubbing_of"),
+            *("reach", "branch_of", "everywhere", "fastest_of", "_sure", "rubbing_of"),
             *(f"DependentColumns.{name}" for name in ("examined", "_seen", "_left", "_by_size")),
         ),
         _DEPENDENT,
@@ -123,6 +123,9 @@ ROOMS = (
 )
 
 EXCUSED = (
+    Excused(
+        "identification/combinations/dependent_columns", ("_OUT", "_LEAST"), "margins over roundings that no test meets"
+    ),
     Excused("identification/combinations/dependent_search", (), "proposes; `dependent_columns` checks"),
     Excused("identification/combinations/identifiable", (), "proposes; `rank_claims` checks"),
     Excused(

@@ -83,14 +83,19 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "validated/arithmetic/polydisc",
         (
-            *("_UNIT", "_OUT", "_LEAST", "_TRIGONOMETRIC", "_TERMS", "ring", "constants", "stacked", "sine_and_cosine"),
+            *("_TERMS", "ring", "constants", "stacked", "sine_and_cosine"),
             *("inverse", "unit", "solution", "evaluated", "_double"),
             *(f"Analytic.{name}" for name in ("size", "__add__", "__sub__", "__mul__", "__matmul__", "scaled", "at")),
             *(f"Analytic.{name}" for name in ("polynomials", "_by_degree", "_beyond")),
         ),
         _POLYDISC,
     ),
-    Room("validated/arithmetic/chebyshev", ("_OUT", "waves", "beyond", "bounded"), _POLYDISC),
+    Room(
+        "validated/arithmetic/chebyshev",
+        ("waves", "beyond", "bounded", "between"),
+        _POLYDISC,
+        (("while len(rows) <= degree", "left × 0.5", "more rows than are used"),),
+    ),
     Room(
         "validated/flow/analytic_branch",
         (*("_OUT", "_ROUGH", "AnalyticBranch.proved", "AnalyticBranch.closed", "analytic_branch", "_inputs"),),
@@ -785,8 +790,17 @@ ROOMS: tuple[Room, ...] = (
 
 _CHOSEN = "chooses the length of a step, which `attempt` proves"
 EXCUSED: tuple[Excused, ...] = (
-    Excused("validated/arithmetic/polydisc", ("_BITS",), "in how many bits sines are had, before they are doubles"),
-    Excused("validated/flow/analytic_branch", ("followed",), "proposes polynomials: `analytic_branch` checks"),
+    Excused("validated/arithmetic/chebyshev", ("_OUT",), "a margin over roundings that no test meets"),
+    Excused(
+        "validated/arithmetic/polydisc",
+        ("_BITS", "_UNIT", "_OUT", "_LEAST", "_TRIGONOMETRIC"),
+        "margins over roundings that no test meets",
+    ),
+    Excused(
+        "validated/flow/analytic_branch",
+        ("_OUT", "_ROUGH", "followed"),
+        "margins over roundings that no test meets; `followed` proposes polynomials",
+    ),
     Excused("validated/programs/proposals", (), "proposes cells and tubes: `BranchOverCells` says what is proved"),
     Excused("validated/programs/program_equations", ("ProgramEquations.apart",), "where the search begins"),
     Excused("validated/programs/certifying", (), "proposes starts and cuts: the claims say what is proved"),

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("flint")
 from ccpin.programs.instructions import ADD, GAIN, Code, Instruction
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly
-from ccpin.validated.arithmetic.chebyshev import beyond, bounded, waves
+from ccpin.validated.arithmetic.chebyshev import between, beyond, bounded, waves
 from ccpin.validated.arithmetic.polydisc import (
     Analytic,
     constants,
@@ -232,3 +232,17 @@ def test_what_is_beyond_counts():
     most = np.ones(1)
     found = bounded(exactly(np.zeros((2, 1))), points, 1, most, 10.0)[0]
     assert found == pytest.approx(3.0 * beyond(most, 1, 1, 10.0)[0], rel=1e-9)
+
+
+@pytest.mark.parametrize(("short", "bound"), [((1.0, 1.0), 3.0), ((1.0, 0.52), 2.04 / 0.52), ((0.48, 1.0), np.inf)])
+def test_a_matrix_that_is_no_inverse(short, bound):
+    """L diagonal beside V = I, of 1 and 2: (L₁ + 2 L₂)/(1 − δ), δ the larger of 1 − L₁ and 1 − L₂; ∞ over ½."""
+    near, values = np.diag(short), exactly(np.array([[1.0], [2.0]]))
+    found = between(near, exactly(np.eye(2)), values, np.zeros(1))[0]
+    assert found == pytest.approx(bound, rel=1e-9)
+
+
+def test_ellipses_that_are_too_narrow():
+    """κ of a line is (N + 2)/((N + 2)ρ) = 1/ρ: below ¾ it is used."""
+    assert np.isfinite(beyond(np.ones(1), 1, 5, 1 / 0.74)[0])
+    assert np.isinf(beyond(np.ones(1), 1, 5, 1 / 0.76)[0])

@@ -120,3 +120,9 @@ def test_two_numbers_of_q():
         exact = own.numbers(state.q_free)[list(loop.dependent)]
         near = y @ np.prod(xi ** ring(2, 8).exponents, axis=1)
         assert np.all(np.abs(near - exact) <= branch.image + 1e-9)
+    narrow = np.array([1e-15, *[1e-3] * (len(y) - 1)])
+    assert not analytic_branch(loop, c, reach, y, narrow, 8).proved
+    with flint().ctx.workprec(128):
+        q, inside = [ball(x) for x in c.tolist()], [ball(x) for x in y[:, 0].tolist()]
+        assert branch.closed(q, np.zeros(2), inside) is not None
+        assert branch.closed(q, np.zeros(2), [inside[0] + 1, *inside[1:]]) is None

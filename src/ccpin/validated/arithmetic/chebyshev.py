@@ -38,18 +38,19 @@ def beyond(bound: Array, n: int, degree: int, rho: float) -> Array:
 
 
 def bounded(values: BallArray, points: Array, degree: int, bound: Array, rho: float) -> Array:
-    """Upper bounds over the box of functions of values (K, F) at K = C(N + n, n) points and of bounds M (F,).
-
-    With V of `waves`, L near its inverse, δ = ‖I − LV‖₁ and t of `beyond`: |f| ≤ (|L f|₁ + t Σ|L|)/(1 − δ) + t.
-    """
+    """Upper bounds over the box of functions of values (K, F) at K = C(N + n, n) points and bounds M (F,), of shape (F,)."""
     table = waves(points, degree)
     try:
-        near = exactly(np.linalg.inv(table.mid))
+        near = np.linalg.inv(table.mid)
     except np.linalg.LinAlgError:
         return np.full_like(bound, np.inf)
-    delta = (exactly(np.eye(len(points))) - near @ table).size.sum(axis=0).max() * _OUT
+    return between(near, table, values, beyond(bound, points.shape[1], degree, rho))
+
+
+def between(near: Array, table: BallArray, values: BallArray, rest: Array) -> Array:
+    """(|L f|₁ + t Σ|L|)/(1 − δ) + t for any L, V of `waves`, δ = ‖I − LV‖₁ and t of `beyond`; ∞ for δ ≥ ½."""
+    delta = (exactly(np.eye(len(near))) - exactly(near) @ table).size.sum(axis=0).max() * _OUT
     if not delta < 0.5:
-        return np.full_like(bound, np.inf)
-    rest = beyond(bound, points.shape[1], degree, rho)
-    seen = (near @ values).size.sum(axis=0) + rest * np.abs(near.mid).sum()
+        return np.full_like(rest, np.inf)
+    seen = (exactly(near) @ values).size.sum(axis=0) + rest * np.abs(near).sum()
     return np.asarray((seen / (1.0 - delta) + rest) * _OUT)

@@ -92,8 +92,7 @@ def _inputs(loop: ClosedLoopEquations, centre: Array, reach: Array, y: Array, kn
     mid = np.zeros((loop.field.inputs, len(known.exponents)))
     mid[list(loop.independent), 0] = centre
     for k, (place, r) in enumerate(zip(loop.independent, reach.tolist(), strict=True)):
-        first = int(np.flatnonzero((known.exponents.sum(axis=1) == 1) & (known.exponents[:, k] == 1))[0])
-        mid[place, first] = r
+        mid[place, np.argmax(known.exponents[:, k] == 1)] = r  # the first is ξ_k itself
     mid[list(loop.dependent)] = y
     return Analytic(mid, np.zeros(len(mid)), known)
 
