@@ -98,8 +98,9 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "validated/flow/analytic_branch",
-        (*("_OUT", "_ROUGH", "AnalyticBranch.proved", "AnalyticBranch.closed", "analytic_branch", "_inputs"),),
+        ("AnalyticBranch.proved", "AnalyticBranch.closed", "analytic_branch", "_inputs"),
         ("validated/flow/test_analytic_branch.py",),
+        (("size = np.abs", "without _ROUGH * self.near.size", "a margin over roundings that no test meets"),),
     ),
     Room(
         "validated/arithmetic/ball_arrays",

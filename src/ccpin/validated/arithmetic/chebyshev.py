@@ -38,7 +38,7 @@ def beyond(bound: Array, n: int, degree: int, rho: float) -> Array:
 
 
 def bounded(values: BallArray, points: Array, degree: int, bound: Array, rho: float) -> Array:
-    """Upper bounds over the box of functions of values (K, F) at K = C(N + n, n) points and bounds M (F,), of shape (F,)."""
+    """Upper bounds over the box of functions of values (K, F) at K = C(N + n, n) points and of bounds M (F,)."""
     table = waves(points, degree)
     try:
         near = np.linalg.inv(table.mid)
