@@ -98,7 +98,7 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "validated/flow/analytic_branch",
-        ("AnalyticBranch.proved", "AnalyticBranch.closed", "analytic_branch", "_inputs"),
+        ("AnalyticBranch.proved", "AnalyticBranch.closed", "branch_over", "_inputs"),
         ("validated/flow/test_analytic_branch.py",),
         (("size = np.abs", "without _ROUGH * self.near.size", "a margin over roundings that no test meets"),),
     ),
@@ -800,7 +800,7 @@ EXCUSED: tuple[Excused, ...] = (
     Excused(
         "validated/flow/analytic_branch",
         ("_OUT", "_ROUGH", "followed"),
-        "margins over roundings that no test meets; `followed` proposes polynomials",
+        "margins over roundings that no test meets; `followed` proposes",
     ),
     Excused("validated/programs/proposals", (), "proposes cells and tubes: `BranchOverCells` says what is proved"),
     Excused("validated/programs/program_equations", ("ProgramEquations.apart",), "where the search begins"),

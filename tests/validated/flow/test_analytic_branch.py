@@ -9,7 +9,7 @@ from ccpin.programs.tape import Tape
 from ccpin.validated.arithmetic.balls import ball, flint, upper
 from ccpin.validated.arithmetic.polydisc import ring
 from ccpin.validated.arithmetic.programs import in_balls
-from ccpin.validated.flow.analytic_branch import analytic_branch, followed
+from ccpin.validated.flow.analytic_branch import branch_over, followed
 from ccpin.validated.loop_equations import ClosedLoopEquations
 from ccpin.validated.model.closed_loop import recorded_loop
 
@@ -32,7 +32,7 @@ def arc():
 def over(arc, centre, reach, radius, y=None):
     c, r = np.array([centre]), np.array([reach])
     found = followed(arc, c, r, np.array([np.sqrt(1.0 - centre**2)]), DEGREE) if y is None else y
-    return analytic_branch(arc, c, r, found, np.array([radius]), DEGREE)
+    return branch_over(arc, c, r, found, np.array([radius]), DEGREE)
 
 
 def test_the_series_of_the_arc(arc):
@@ -111,7 +111,7 @@ def test_two_numbers_of_q():
     x = own.numbers(model.mechanism.q_reference)
     c, reach = x[list(loop.independent)], np.array([0.05, 0.1])
     y = followed(loop, c, reach, x[list(loop.dependent)], 8)
-    branch = analytic_branch(loop, c, reach, y, np.full(len(y), 1e-3), 8)
+    branch = branch_over(loop, c, reach, y, np.full(len(y), 1e-3), 8)
     assert branch.proved
     rng, start = np.random.default_rng(3), model.alpha(model.mechanism.q_reference)
     for _ in range(5):
@@ -121,7 +121,7 @@ def test_two_numbers_of_q():
         near = y @ np.prod(xi ** ring(2, 8).exponents, axis=1)
         assert np.all(np.abs(near - exact) <= branch.image + 1e-9)
     narrow = np.array([1e-15, *[1e-3] * (len(y) - 1)])
-    assert not analytic_branch(loop, c, reach, y, narrow, 8).proved
+    assert not branch_over(loop, c, reach, y, narrow, 8).proved
     with flint().ctx.workprec(128):
         q, inside = [ball(x) for x in c.tolist()], [ball(x) for x in y[:, 0].tolist()]
         assert branch.closed(q, np.zeros(2), inside) is not None

@@ -17,7 +17,7 @@ from ccpin.validated.arithmetic.chebyshev import bounded
 from ccpin.validated.arithmetic.exact_numbers import centres
 from ccpin.validated.arithmetic.polydisc import evaluated, ring
 from ccpin.validated.arithmetic.series import NotInvertibleError
-from ccpin.validated.flow.analytic_branch import AnalyticBranch, analytic_branch
+from ccpin.validated.flow.analytic_branch import AnalyticBranch, branch_over
 from ccpin.validated.flow.start_claim import PRECISION
 
 _OUT = 1.0 + 2.0**-20  # on what is not negative: covers the roundings in computing it, of balls' radii too
@@ -144,7 +144,7 @@ def branch_of(claim: DependentColumns) -> AnalyticBranch:
         NotProvedError: It is not proved to be there.
     """
     loop, degree = claim.equations.loop, int(claim.orders[0])
-    branch = analytic_branch(loop, claim.q, reach(claim.half, float(claim.rho[0])), claim.y, claim.radius, degree)
+    branch = branch_over(loop, claim.q, reach(claim.half, float(claim.rho[0])), claim.y, claim.radius, degree)
     if branch is None or not branch.proved:
         raise NotProvedError("σ is not proved to be analytic about the box")
     return branch

@@ -14,7 +14,7 @@ from ccpin.validated.arithmetic.balls import Ball, ball, flint
 from ccpin.validated.arithmetic.exact_numbers import boxed
 from ccpin.validated.arithmetic.polydisc import ring
 from ccpin.validated.arithmetic.series import values
-from ccpin.validated.flow.analytic_branch import AnalyticBranch, analytic_branch, followed
+from ccpin.validated.flow.analytic_branch import AnalyticBranch, branch_over, followed
 from ccpin.validated.flow.closing import assembled
 
 SHARE = 1e-12
@@ -82,7 +82,7 @@ def _followed(equations: IdentificationEquations, x: Array, about: Array, degree
     y = followed(loop, centre, about, x[list(loop.dependent)], degree)
     if y is None:
         return None
-    tried = (analytic_branch(loop, centre, about, y, np.full(len(y), tube), degree) for tube in _TUBES)
+    tried = (branch_over(loop, centre, about, y, np.full(len(y), tube), degree) for tube in _TUBES)
     return next((branch for branch in tried if branch is not None and branch.proved), None)
 
 

@@ -199,7 +199,7 @@ def solution(matrix: Analytic, right: Analytic) -> Analytic:
     return found._replace(rest=np.broadcast_to(off, found.rest.shape))
 
 
-class Values(NamedTuple):
+class ProgramOutputs(NamedTuple):
     """Outputs of a program and, by its chosen inputs, their slopes (outputs, chosen)."""
 
     values: Analytic
@@ -207,7 +207,7 @@ class Values(NamedTuple):
 
 
 @np.errstate(all="ignore")
-def evaluated(program: Code, inputs: Analytic, chosen: Sequence[int] = ()) -> Values:
+def evaluated(program: Code, inputs: Analytic, chosen: Sequence[int] = ()) -> ProgramOutputs:
     """A program's outputs over functions, and its slopes by some of its inputs.
 
     Raises:
@@ -245,7 +245,7 @@ def evaluated(program: Code, inputs: Analytic, chosen: Sequence[int] = ()) -> Va
             found[k] = found[a].at((b // columns, b % columns))
         else:
             raise NotInvertibleError
-    return Values(*(stacked([x[number] for number in program.outputs]) for x in (found, slopes)))
+    return ProgramOutputs(*(stacked([x[number] for number in program.outputs]) for x in (found, slopes)))
 
 
 def _double(constant: Any) -> tuple[float, float]:

@@ -66,7 +66,7 @@ class AnalyticBranch(NamedTuple):
 
 
 @np.errstate(all="ignore")
-def analytic_branch(
+def branch_over(
     loop: ClosedLoopEquations, centre: Array, reach: Array, y: Array, radius: Array, degree: int
 ) -> AnalyticBranch | None:
     """‖Bφ(q, y_N)‖ + ‖I − Bφ_y‖ r about polynomials y_N(ξ), of shape (Y, K); ``None`` where there is none."""
