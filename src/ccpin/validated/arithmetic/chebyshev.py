@@ -44,7 +44,7 @@ def bounded(values: BallArray, points: Array, degree: int, bound: Array, rho: fl
         near = np.linalg.inv(table.mid)
     except np.linalg.LinAlgError:
         return np.full_like(bound, np.inf)
-    return between(near, table, values, beyond(bound, points.shape[1], degree, rho))
+    return between(np.asarray(near, dtype=np.float64), table, values, beyond(bound, points.shape[1], degree, rho))
 
 
 def between(near: Array, table: BallArray, values: BallArray, rest: Array) -> Array:
