@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
-_POLYDISC = ("validated/arithmetic/test_polydisc.py",)
+_POLYDISC = ("validated/arithmetic/test_polydisc.py", "validated/flow/test_analytic_branch.py")
 _WIDE = ("validated/arithmetic/test_sharp_ball_arrays.py",)
 _RECORDED = (
     *(

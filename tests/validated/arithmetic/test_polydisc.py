@@ -6,8 +6,23 @@ import numpy as np
 import pytest
 
 pytest.importorskip("flint")
-from ccpin.programs.instructions import ADD, GAIN, Code, Instruction
+from ccpin.programs.instructions import (
+    ADD,
+    CONSTANT,
+    COSINE,
+    GAIN,
+    MULTIPLY,
+    PART,
+    SCALE,
+    SINE,
+    SOLVE,
+    SUBTRACT,
+    Code,
+    Instruction,
+    LinearSystem,
+)
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly
+from ccpin.validated.arithmetic.balls import flint
 from ccpin.validated.arithmetic.chebyshev import between, beyond, bounded, waves
 from ccpin.validated.arithmetic.polydisc import (
     Analytic,
@@ -246,3 +261,43 @@ def test_ellipses_that_are_too_narrow():
     """κ of a line is (N + 2)/((N + 2)ρ) = 1/ρ: below ¾ it is used."""
     assert np.isfinite(beyond(np.ones(1), 1, 5, 1 / 0.74)[0])
     assert np.isinf(beyond(np.ones(1), 1, 5, 1 / 0.76)[0])
+
+
+def test_programs_of_every_instruction():
+    """Values and slopes of (2 − x) y sin x cos x + 3, and A⁻¹b, near ξ = 0, by formulas of numbers."""
+    three = flint().arb(3)
+    items = (
+        Instruction(CONSTANT, 2, constant=flint().arb(2)),
+        Instruction(SUBTRACT, 3, 2, 0),
+        Instruction(MULTIPLY, 4, 3, 1),
+        Instruction(SINE, 5, 0, 6),
+        Instruction(COSINE, 6, 0, 5),
+        Instruction(MULTIPLY, 7, 4, 5),
+        Instruction(MULTIPLY, 8, 7, 6),
+        Instruction(SCALE, 9, 8, constant=three),
+    )
+    mid = np.zeros((2, len(LINE.exponents)))
+    mid[:, 0] = x, y = 0.7, 1.3
+    inputs = Analytic(mid, np.zeros(2), LINE)
+    values, slopes = evaluated(Code(10, 2, items, (9,)), inputs, (0, 1))
+    s, c = np.sin(x), np.cos(x)
+    assert values.mid[0, 0] == pytest.approx(3 * (2 - x) * y * s * c, rel=1e-14)
+    exact = 3 * y * (-s * c + (2 - x) * (c * c - s * s)), 3 * (2 - x) * s * c
+    np.testing.assert_allclose(slopes.mid[0, :, 0], exact, rtol=1e-13)
+    system = LinearSystem(((0, 1), (1, 2)), ((1, 0), (0, 2)))
+    solve = (items[0], Instruction(SOLVE, 3, None, system), *(Instruction(PART, 4 + k, 3, k) for k in range(4)))
+    program = Code(8, 2, solve, (4, 5, 6, 7))
+    found = evaluated(program, inputs).values
+    np.testing.assert_allclose(found.mid[:, 0], np.linalg.solve([[x, y], [y, 2]], [[y, x], [x, 2]]).ravel(), rtol=1e-13)
+    with pytest.raises(NotInvertibleError):
+        evaluated(program, inputs, (0,))
+
+
+@pytest.mark.parametrize("off", [0.25, 0.48])
+def test_what_is_left_of_a_solution_is_sharp(off):
+    """1 ± off, solved for 1: 1/(1 − off) is off/(1 − off) from 1; two rows, of which the other is exact."""
+    matrix = unit(2, LINE)._replace(rest=np.array([[off, 0.0], [0.0, 0.0]]))
+    one = constants(np.ones((2, 1)), np.zeros((2, 1)), LINE)
+    assert solution(matrix, one).rest[0, 0] == pytest.approx(off / (1.0 - off), rel=1e-9)
+    with pytest.raises(NotInvertibleError):
+        solution(matrix._replace(rest=np.array([[0.52, 0.0], [0.0, 0.0]])), one)
