@@ -230,3 +230,14 @@ def test_those_of_others(name, count, base):
         assert np.all(
             np.abs(Y[:, told.base] @ (told.grouping @ pi) - Y @ pi) <= 1e-12 * (np.abs(Y) @ np.abs(pi)) + 1e-12
         )
+
+
+def test_numbers_of_the_claim_are_sharp(loop, claim):
+    """R is half the ellipses' longer axis, and the share the largest that is left of any combination."""
+    half = np.array([0.5, 2.0])
+    exact = half * (3.0 + 1.0 / 3.0) / 2.0
+    assert np.all(exact <= reach(half, 3.0))
+    assert np.all(reach(half, 3.0) <= exact * (1 + 1e-5))
+    most = loop[1].facts[2].found["left"].max()
+    forged(claim, "more than this share", share=[0.7 * most])
+    assert prove(replace(claim, share=np.array([1.0001 * most])))
