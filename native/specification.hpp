@@ -26,7 +26,7 @@ class Reader {
     m_.tolerance = number(s_["tolerance"]), m_.gravity = vec(s_["gravity"]);
     m_.nq = m_.nv = m_.m = m_.n_q = m_.n = 0;
     m_.joints.push_back({});
-    for (nb::handle h : sequence(s_["joints"])) m_.joints.push_back(joint(tuple(h, 11)));
+    for (nb::handle h : sequence(s_["joints"])) m_.joints.push_back(joint(tuple(h, 12)));
     require(integer(s_["nq"]) == m_.nq && integer(s_["nv"]) == m_.nv, "the joints are not as many as nq and nv say");
     m_.reference = numbers(s_["reference"], m_.nq);
     for (nb::handle h : sequence(s_["loops"])) m_.loops.push_back(loop(tuple(h, 7)));

@@ -38,6 +38,7 @@ _STRUCTURE = (
     "identification/test_vanishing.py::test_combinations_of_others_are_without_effect[bennett]",
     *_SEEN,
 )
+_DEPENDENT = ("identification/test_dependent_columns.py",)
 
 ROOMS = (
     Room("identification/combinations/exact_spaces", ("reduced", "null_space", "invariant_span"), _SPANS),
@@ -67,7 +68,8 @@ ROOMS = (
             "IdentificationEquations.identities",
             "IdentificationEquations.forms",
             "IdentificationEquations._form",
-            "IdentificationEquations._seen",
+            *(f"IdentificationEquations.{name}" for name in ("pairs", "smooth_forms", "seen", "arranged", "stretched")),
+            "IdentificationEquations.frictions",
             *("_stretched", "_masses", "_weights", "_cross", "_sign"),
         ),
         _CLAIMS,
@@ -76,6 +78,14 @@ ROOMS = (
         "identification/combinations/rank_claims",
         ("IndependentColumns.examined", "VanishingCombinations.examined"),
         _CLAIMS,
+    ),
+    Room(
+        "identification/combinations/dependent_columns",
+        (
+            *("reach", "branch_of", "everywhere", "fastest_of", "_sure", "rubbing_of"),
+            *(f"DependentColumns.{name}" for name in ("examined", "_seen", "_left", "_by_size")),
+        ),
+        _DEPENDENT,
     ),
     Room(
         "identification/adaptive/regressor_bounds",
@@ -141,6 +151,10 @@ ROOMS = (
 )
 
 EXCUSED = (
+    Excused(
+        "identification/combinations/dependent_columns", ("_OUT", "_LEAST"), "margins over roundings that no test meets"
+    ),
+    Excused("identification/combinations/dependent_search", (), "proposes; `dependent_columns` checks"),
     Excused("identification/combinations/identifiable", (), "proposes; `rank_claims` checks"),
     Excused(
         "identification/adaptive/adaptive_bounds", ("_NUMBERS", "bounds_of"), "how many cells are bounded at a time"

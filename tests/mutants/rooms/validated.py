@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
+_POLYDISC = ("validated/arithmetic/test_polydisc.py", "validated/flow/test_analytic_branch.py")
 _WIDE = ("validated/arithmetic/test_sharp_ball_arrays.py",)
 _RECORDED = (
     *(
@@ -79,6 +80,28 @@ _CONSTANTS = "validated/programs/test_sharp_program_constants.py"
 _GUARDED = "validated/programs/test_guarded_programs.py"
 _PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
+    Room(
+        "validated/arithmetic/polydisc",
+        (
+            *("_TERMS", "ring", "constants", "stacked", "sine_and_cosine"),
+            *("inverse", "unit", "solution", "evaluated", "_double"),
+            *(f"Analytic.{name}" for name in ("size", "__add__", "__sub__", "__mul__", "__matmul__", "scaled", "at")),
+            *(f"Analytic.{name}" for name in ("polynomials", "_by_degree", "_beyond")),
+        ),
+        _POLYDISC,
+    ),
+    Room(
+        "validated/arithmetic/chebyshev",
+        ("waves", "beyond", "bounded", "between"),
+        _POLYDISC,
+        (("while len(rows) <= degree", "left × 0.5", "more rows than are used"),),
+    ),
+    Room(
+        "validated/flow/analytic_branch",
+        ("AnalyticBranch.proved", "AnalyticBranch.closed", "branch_over", "_inputs"),
+        ("validated/flow/test_analytic_branch.py",),
+        (("size = np.abs", "without _ROUGH * self.near.size", "a margin over roundings that no test meets"),),
+    ),
     Room(
         "validated/arithmetic/ball_arrays",
         (
@@ -768,6 +791,17 @@ ROOMS: tuple[Room, ...] = (
 
 _CHOSEN = "chooses the length of a step, which `attempt` proves"
 EXCUSED: tuple[Excused, ...] = (
+    Excused("validated/arithmetic/chebyshev", ("_OUT",), "a margin over roundings that no test meets"),
+    Excused(
+        "validated/arithmetic/polydisc",
+        ("_BITS", "_UNIT", "_OUT", "_LEAST", "_TRIGONOMETRIC"),
+        "margins over roundings that no test meets",
+    ),
+    Excused(
+        "validated/flow/analytic_branch",
+        ("_OUT", "_ROUGH", "followed"),
+        "margins over roundings that no test meets; `followed` proposes",
+    ),
     Excused("validated/programs/proposals", (), "proposes cells and tubes: `BranchOverCells` says what is proved"),
     Excused("validated/programs/program_equations", ("ProgramEquations.apart",), "where the search begins"),
     Excused("validated/programs/certifying", (), "proposes starts and cuts: the claims say what is proved"),

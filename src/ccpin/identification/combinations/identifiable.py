@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from scipy.linalg import qr
 
-from ccpin.arrays import Array, Indices, choice, instance, records, whole
+from ccpin.arrays import Array, Indices, choice, instance, number, records, whole
 from ccpin.dynamics.changed_constants import with_stribeck_speeds
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError, UnsupportedMechanismError
+from ccpin.identification.combinations.dependent_search import SHARE, combinations_of, depend
 from ccpin.identification.combinations.exact_spaces import doubles
 from ccpin.identification.combinations.identification_equations import IdentificationEquations
 from ccpin.identification.combinations.rank_claims import IndependentColumns, VanishingCombinations, stacked_forms
@@ -40,30 +41,34 @@ class BaseParameters:
         parameters: π.
         lower: So many combinations are proved independent.
         upper: So many at most: all others are proved to be without effect, by structure.
-        base: The constants that combinations are written on, of shape (upper,).
-        grouping: Of shape (upper, p), ones at `base`.
+        within: So many are enough, to 1e-12 of the forms' size over `box`; as many as `upper` where that is not proved.
+        box: |q − q_ref| ≤ h over which that is so, of shape (n,), rad or m; ``None``: nowhere but where it is exact.
+        base: The constants that combinations are written on, of shape (within,).
+        grouping: Of shape (within, p), ones at `base`.
         states: Closed states that the lower bound rests on.
-        facts: What both rest on.
-        added: By each of the sensors, in the order given: at least and at most so many combinations more.
+        facts: What they rest on: the lower bound, the upper one, and the box where there is one.
+        added: By each of the sensors, in the order given: at least and at most so many combinations more (`within`).
     """
 
     parameters: DynamicParameters
     lower: int
     upper: int
+    within: int
+    box: Array | None
     base: Indices
     grouping: Array
     states: int
-    facts: tuple[Fact, Fact]
+    facts: tuple[Fact, ...]
     added: Mapping[str, tuple[int, int]]
 
     @property
     def proved(self) -> bool:
-        """Whether the number is proved."""
-        return self.lower == self.upper
+        """Whether the number is proved: from both sides, or, where `upper` is larger, to 1e-12 over `box`."""
+        return self.lower == self.within
 
     @property
     def values(self) -> Array:
-        """The combinations of the model's own constants, of shape (upper,)."""
+        """The combinations of the model's own constants, of shape (within,)."""
         return np.asarray(self.grouping @ self.parameters.values)
 
     @property
@@ -75,8 +80,14 @@ class BaseParameters:
     def reason(self) -> str:
         """What is proved, in a sentence."""
         count, more = len(self.parameters), "".join(f"; {_what_adds(*each)}" for each in self.added.items())
-        if self.proved:
+        if self.lower == self.upper:
             return f"{self.lower} of {count} combinations are identifiable: proved from both sides{more}"
+        if self.box is not None:
+            return (
+                f"{self.lower} of {count} combinations are identifiable: no fewer, and of these all others are made to "
+                f"{SHARE:.0e} of their size over ±{self.box.max():.3g} (rad, m) about the reference; exactly, at most "
+                f"{self.upper} are{more}"
+            )
         return (
             f"at least {self.lower} and at most {self.upper} of {count} combinations are identifiable; "
             f"{self.upper - self.lower} seem to depend on others at {self.states} states, which is not proved{more}"
@@ -101,6 +112,7 @@ def base_parameters(
     base: bool = False,
     states: int | None = None,
     precision: int = 500,
+    box: float | None = 0.05,
 ) -> BaseParameters:
     """How many combinations of a mechanism's constants its equations of motion show, proved as far as can be.
 
@@ -114,6 +126,8 @@ def base_parameters(
         base: Whether the wrench between the ground and all that stands on it is measured, as a force plate does.
         states: How many closed states are tried; default half as many again as have to suffice.
         precision: In bits, of the arithmetic.
+        box: Half-width (rad, m) of a box about the reference over which what structure does not show is to be proved
+            to 1e-12, of three degrees of freedom at most; it is halved until it can be. ``None``: not asked.
 
     Raises:
         InvalidInputError: No mechanism is given, numbers that are none, or a closure that is none.
@@ -123,13 +137,14 @@ def base_parameters(
     """
     model, bits = model_of(mechanism), whole(precision, "precision", 53)
     model = with_stribeck_speeds(model, {j.name: 0.0 for j in model.mechanism.tree.joints if j.stated.stribeck_speed})
+    wide = None if box is None else number(box, "box", "a positive number, or None", above=0.0)
     wanted, plate = None if states is None else whole(states, "states"), instance(base, "base", bool)
     names, added = _sensors(model, forces), dict[str, tuple[int, int]]()
-    found = _bounds(model, (), False, wanted, bits)
+    found = _bounds(model, (), False, wanted, bits, wide)
     steps = [(name, names[: k + 1], False) for k, name in enumerate(names)]
     for sensor, closures, held in [*steps, *[("base", names, True)] * plate]:
-        before, found = found, _bounds(model, closures, held, wanted, bits)
-        added[sensor] = max(found.lower - before.upper, 0), found.upper - before.lower
+        before, found = found, _bounds(model, closures, held, wanted, bits, wide)
+        added[sensor] = max(found.lower - before.within, 0), found.within - before.lower
     return replace(found, added=MappingProxyType(added))
 
 
@@ -146,7 +161,9 @@ def _sensors(model: ReducedModel, forces: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _bounds(model: ReducedModel, forces: tuple[str, ...], base: bool, states: int | None, bits: int) -> BaseParameters:
+def _bounds(
+    model: ReducedModel, forces: tuple[str, ...], base: bool, states: int | None, bits: int, box: float | None
+) -> BaseParameters:
     """What is proved with some sensors."""
     with flint().ctx.workprec(bits):
         equations, own = recorded_motions(model, forces, base)
@@ -156,7 +173,9 @@ def _bounds(model: ReducedModel, forces: tuple[str, ...], base: bool, states: in
         columns = np.setdiff1d(np.arange(equations.sizes["P"]), hidden)
         closed = _closed_states(model, equations, own, states or _enough(len(columns), equations), bits)
         forms = stacked_forms(equations, closed)
-    rows, free = _independent(forms, columns.tolist(), bits)
+        rows, free = _independent(forms, columns.tolist(), bits)
+        apart, others = np.sort(np.array(free, dtype=np.int64)), np.setdiff1d(columns, free)
+        regrouped = combinations_of(forms, apart, others) if box is not None and len(others) else None
     independent = prove(
         IndependentColumns(equations, np.array(rows, dtype=np.int64), np.array(free, dtype=np.int64), np.array([bits])),
         *closed,
@@ -164,8 +183,20 @@ def _bounds(model: ReducedModel, forces: tuple[str, ...], base: bool, states: in
     grouping = np.zeros((len(columns), equations.sizes["P"]))
     grouping[np.arange(len(columns)), columns] = 1.0
     grouping[:, hidden] = -combinations[:, columns].T
-    facts, nothing = (independent, shown), MappingProxyType[str, tuple[int, int]]({})
-    return BaseParameters(model.parameters, len(free), len(columns), columns, grouping, len(closed), facts, nothing)
+    nothing, where = MappingProxyType[str, tuple[int, int]]({}), None
+    facts: tuple[Fact, ...] = (independent, shown)
+    upper = len(columns)
+    if regrouped is not None and box is not None:
+        z = np.zeros((len(others), equations.sizes["P"]))
+        z[np.arange(len(others)), others], z[:, apart] = 1.0, -regrouped.T
+        fact = depend(equations, own.numbers(model.mechanism.q_reference), box, others, z)
+        if fact is not None:
+            facts, where = (*facts, fact), fact.claim.half
+            grouping = grouping[np.isin(columns, apart)] + regrouped @ grouping[np.isin(columns, others)]
+            columns = apart
+    return BaseParameters(
+        model.parameters, len(free), upper, len(columns), where, columns, grouping, len(closed), facts, nothing
+    )
 
 
 def _what_adds(sensor: str, between: tuple[int, int]) -> str:

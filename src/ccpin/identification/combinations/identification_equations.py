@@ -73,7 +73,7 @@ class IdentificationEquations:
         require([0 <= end <= len(self.bodies) for each in self.ends for end in each[:2]], "a closure of no body")
         require(type(self.virtual) is int and self.virtual >= 0 and type(self.held) is bool, "sensors that are none")
         freedoms, columns = sum(len(body.slides) for body in self.bodies), self.loop.n + self.virtual
-        stretches = sum(map(_stretched, self.bodies))
+        stretches = sum(self.stretched)
         due = len(self.bodies) * (6 * columns + 3) + freedoms * columns + stretches
         require(len(self.motions.outputs) == due, "motions of other bodies")
 
@@ -96,19 +96,43 @@ class IdentificationEquations:
     def forms(self, state: Sequence[Ball]) -> list[list[Ball]]:
         """Linear forms of π at a state (x, q̇), of length p each: they vanish on every z with Y z ≡ 0.
 
-        Entries of D (i ≤ j), of g, of the dampers' ρᵀBρ, and of friction along q̇; i also a virtual motion, j not.
+        Entries of D, of g, of the dampers' ρᵀBρ, and of friction along q̇.
         """
         n, columns = self.loop.n, range(self.loop.n + self.virtual)
-        seen, v = self._seen(state), state[self.loop.n_x : self.loop.n_x + n]
-        pairs = [(i, j) for i in columns for j in range(i if i < n else 0, n)]
-        masses = [self._form(_masses(seen, i, j), seen, _ROTOR, (i, j)) for i, j in pairs]
-        weights = [self._form(_weights(seen, i), seen, _SPRING, (i,)) for i in columns]
+        seen, v = self.seen(state), state[self.loop.n_x : self.loop.n_x + n]
         nothing = [ball(0)] * (BODY * len(self.bodies))
-        dampers = [self._form(nothing, seen, _DAMPER, (i, j)) for i, j in pairs]
         ways = [_sign(sum((a * b for a, b in zip(row, v, strict=False)), ball(0))) for row in seen.rho]
         rubbed = [[*row, way] for row, way in zip(seen.rho, ways, strict=True)]
         friction = [self._form(nothing, seen._replace(rho=rubbed), _FRICTION, (i, len(columns))) for i in columns]
-        return [*masses, *weights, *dampers, *friction]
+        return [*self.smooth_forms(seen), *friction]
+
+    @property
+    def stretched(self) -> list[int]:
+        """By how many numbers each joint's spring is stretched."""
+        return [*map(_stretched, self.bodies)]
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """(i, j) of the entries of D and B, i ≤ j; i also a virtual motion, j not."""
+        n = self.loop.n
+        return [(i, j) for i in range(n + self.virtual) for j in range(i if i < n else 0, n)]
+
+    def smooth_forms(self, seen: Seen) -> list[list[Ball]]:
+        """Those of D, of g and of the dampers, which know no signs."""
+        masses = [self._form(_masses(seen, i, j), seen, _ROTOR, (i, j)) for i, j in self.pairs]
+        weights = [self._form(_weights(seen, i), seen, _SPRING, (i,)) for i in range(self.loop.n + self.virtual)]
+        nothing = [ball(0)] * (BODY * len(self.bodies))
+        dampers = [self._form(nothing, seen, _DAMPER, pair) for pair in self.pairs]
+        return [*masses, *weights, *dampers]
+
+    @property
+    def frictions(self) -> list[tuple[int, tuple[int, ...]]]:
+        """Of each joint where its Coulomb level stands among the constants, and its rates among those of all joints."""
+        found, place, rate = list[tuple[int, tuple[int, ...]]](), BODY * len(self.bodies), 0
+        for body in self.bodies:
+            found.append((place + _FRICTION, tuple(range(rate, rate + len(body.slides)))))
+            place, rate = place + len(body.kinds), rate + len(body.slides)
+        return found
 
     def _form(self, bodies: Sequence[Ball], seen: Seen, kind: int, axes: tuple[int, ...]) -> list[Ball]:
         """A form's entries of bodies, and of the joints: ρ_i ρ_j summed of one kind, or a pull along ρ_i of springs."""
@@ -128,9 +152,14 @@ class IdentificationEquations:
             found += own
         return found
 
-    def _seen(self, state: Sequence[Ball]) -> Seen:
+    def seen(self, state: Sequence[Ball]) -> Seen:
+        """What a configuration shows, over a box of its numbers."""
+        return self.arranged(values(self.motions, self.loop.at_rest(state)))
+
+    def arranged(self, outputs: Sequence[Ball]) -> Seen:
+        """The outputs of `motions`."""
         n, count = self.loop.n + self.virtual, len(self.bodies)
-        told: Iterator[Ball] = iter(values(self.motions, self.loop.at_rest(state)))
+        told: Iterator[Ball] = iter(outputs)
 
         def table(rows: int, columns: int) -> list[list[Ball]]:
             return [[next(told) for _ in range(columns)] for _ in range(rows)]
@@ -138,7 +167,7 @@ class IdentificationEquations:
         twists = [table(n, 6) for _ in range(count)]
         gravity = table(count, 3)
         rho = table(sum(len(body.slides) for body in self.bodies), n)
-        return Seen(twists, gravity, rho, [table(1, k)[0] for k in map(_stretched, self.bodies) if k])
+        return Seen(twists, gravity, rho, [table(1, k)[0] for k in self.stretched if k])
 
 
 def _stretched(body: JoinedBody) -> int:
