@@ -76,7 +76,7 @@ def told(name: str, runs: int, consistently: bool, into: Path | None = None) -> 
     for run in range(len(lines), runs):
         begin, draw = time.process_time(), np.random.default_rng(run)
         truth = another(model, draw)
-        found = identify(model, [logged(model, each, truth, draw) for each in moved])
+        found = identify(model, [logged(model, each, each.Y @ truth, draw) for each in moved])
         sets = [found.parameters.values, model.parameters.values]
         sets += [consistent(model, found).values] if consistently else []
         efforts = Y_unseen @ truth
@@ -161,14 +161,16 @@ def another(model: ccpin.ReducedModel, draw: np.random.Generator) -> np.ndarray:
     return values
 
 
-def logged(model: ccpin.ReducedModel, moved: Moved, truth: np.ndarray, draw: np.random.Generator) -> Log:
+def logged(
+    model: ccpin.ReducedModel, moved: Moved, tau: np.ndarray, draw: np.random.Generator, effort: float = EFFORT
+) -> Log:
     """Positions and efforts with noise, of a mechanism whose motors are on its coordinates."""
-    t, q, tau = moved.t, moved.states[0], moved.Y @ truth
+    t, q = moved.t, moved.states[0]
     names, size = model.mechanism.independent, np.sqrt((tau**2).mean(axis=0))
     assert names == model.mechanism.actuated
     encoders = [ENCODER[model.mechanism.tree.joint(name).kind.sliding] for name in names]
     columns = {f"q_{name}": q[:, k] + encoders[k] * draw.normal(size=len(t)) for k, name in enumerate(names)}
-    noise = EFFORT * size * draw.normal(size=tau.shape)
+    noise = effort * size * draw.normal(size=tau.shape)
     return Log(t, columns | {f"u_{name}": (tau + noise)[:, k] for k, name in enumerate(names)})
 
 

@@ -275,7 +275,8 @@ def robot(model: ccpin.ReducedModel, motion: Motion) -> tuple[np.ndarray, Log]:
     """A robot's constants and its log."""
     draw, t = np.random.default_rng(0), np.arange(0.0, own.DURATION, 1.0 / own.RATE)
     truth = own.another(model, draw)
-    return truth, own.logged(model, own.Moved(t, model.regressor_many(*motion), motion), truth, draw)
+    moved = own.Moved(t, model.regressor_many(*motion), motion)
+    return truth, own.logged(model, moved, moved.Y @ truth, draw)
 
 
 def timed(work: Callable[[], Any]) -> tuple[Any, float]:

@@ -44,19 +44,18 @@ def told(name: str, runs: int, none: bool, into: Path | None = None) -> None:
     """Log and identify one mechanism again and again."""
     model = ccpin.ReducedModel(ccpin.load(name))
     joints = tuple(joint.name for joint in model.mechanism.tree.joints if joint.kind.nv == 1)
-    (t, Y, states), (_, unseen, further) = (
-        along(model, each) for each in motions(model, *MODELS.get(name, (0.15, 2.0)))
-    )
-    columns, later = rubbing(model, joints, Y, states), rubbing(model, joints, unseen, further)
+    (shown,), further = motions(model, *MODELS.get(name, (0.15, 2.0, 1)))
+    moved, (_, unseen, states) = along(model, shown), along(model, further)
+    columns, later = rubbing(model, joints, moved.Y, moved.states), rubbing(model, joints, unseen, states)
     lines = [line for line in read(into) if line["model"] == name and line["none"] == none]
     for run in range(len(lines), runs):
         begin, draw = time.process_time(), np.random.default_rng(run)
         truth = another(model, draw)
-        coulomb = np.sqrt(np.mean((Y @ truth) ** 2)) * draw.uniform(*LEVEL, len(joints))
+        coulomb = np.sqrt(np.mean((moved.Y @ truth) ** 2)) * draw.uniform(*LEVEL, len(joints))
         truth[places(model, joints)] = coulomb
         more = coulomb * draw.uniform(*HIGHER, len(joints)) * (not none)
         speeds = np.abs(columns.rates).max(axis=0) * draw.uniform(*SPEED, len(joints))
-        log = logged(model, t, states[0], Y @ truth + columns.falling(speeds, more), draw)
+        log = logged(model, moved, moved.Y @ truth + columns.falling(speeds, more), draw)
         found, plain = identify(model, log, stribeck=True), identify(model, log)
         efforts = unseen @ truth + later.falling(speeds, more)
         own = [each for each in found.stribeck if not each.reason]

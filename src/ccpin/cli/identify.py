@@ -29,7 +29,8 @@ _EXAMPLES = """\
 example: ccpin identify rpdr --logs run1.csv run2.csv --out learnt.urdf --report learnt.html
          ccpin identify rpdr --logs run.mcap --kinds inertia friction
          ccpin identify rpdr --logs run.csv --stribeck --report learnt.html
-         ccpin identify rpdr --logs run.csv --columns q_joint1=left u_joint1=amps --units q=deg u=0.35"""
+         ccpin identify rpdr --logs run.csv --columns q_joint1=left u_joint1=amps --units q=deg u=0.35
+         ccpin identify rpdr --logs run.csv --motors 10% --prior inertia=5%"""
 
 
 _SIZES = ("found", "stated", "measured", "coulomb")
@@ -58,6 +59,8 @@ def add_identify(commands: Any) -> None:
     parser.add_argument("--align", action="store_true", help="set the clocks of efforts right where they are late")
     falls = "look for friction that falls from a breakaway level with speed, of these joints or of all"
     parser.add_argument("--stribeck", nargs="*", metavar="JOINT", help=falls)
+    drives = "find factors of motors' efforts, known to a share (10%%), or to one each (JOINT=10%%), or not known"
+    parser.add_argument("--motors", nargs="*", metavar="SHARE", help=drives)
     written = "write the mechanism with consistent constants there"
     complete(parser.add_argument("--out", type=Path, metavar="FILE", help=written), shtab.FILE)
     page = "write a page with values, deviations and what is left there"
@@ -75,7 +78,7 @@ def _identify(options: argparse.Namespace) -> int:
     logs = [Log.read(path, columns=columns, units=units, time=options.time) for path in options.logs]
     with busy(options.json, "motions behind the logs, and constants"):
         asked = {"kinds": options.kinds, "prior": prior, "robust": not options.plain, "align": options.align}
-        estimate = identify(model, logs, **asked, stribeck=stribeck, **smoothing)
+        estimate = identify(model, logs, **asked, stribeck=stribeck, motors=_motors(options.motors), **smoothing)
         chosen = consistent(estimate.model, estimate) if options.out or options.report else estimate.parameters
     written = []
     if options.out:
@@ -87,7 +90,7 @@ def _identify(options: argparse.Namespace) -> int:
         told = []
         for log, late in zip(logs, estimate.delays, strict=True):
             on_time = log.delayed({"u": late.taken}) if late.taken else log
-            motion = smoothed(on_time, model, **smoothing)
+            motion = smoothed(estimate.motors.corrected(on_time), model, **smoothing)
             before = told_of_motion(model, model.parameters, motion)
             told.append((log.source, before, told_of_motion(estimate.model, chosen, motion)))
         page = estimate_page(estimate, chosen, told)
@@ -109,9 +112,11 @@ def _identify(options: argparse.Namespace) -> int:
         ]
         outliers = [each._asdict() for each in estimate.outliers]
         friction = [_friction(each) for each in estimate.stribeck]
+        of_k = (estimate.motors.names, estimate.motors.values.tolist(), estimate.motors.deviations.tolist())
         told_all = {
             "found": found,
             "stribeck": friction,
+            "motors": [dict(zip(("motor", "k", "deviation"), each, strict=True)) for each in zip(*of_k, strict=True)],
             "samples": samples,
             "outliers": outliers,
             "held_out": unseen,
@@ -143,6 +148,15 @@ def _friction(found: StribeckFriction) -> dict[str, Any]:
         told |= dict(zip(("coulomb", "breakaway", "speed"), found.values.tolist(), strict=True))
         told |= {"deviations": found.deviations.tolist(), "interval": list(found.interval)}
     return told
+
+
+def _motors(given: Sequence[str] | None) -> bool | str | float | dict[str, str | float | None]:
+    """As `identify` takes it."""
+    if not given:
+        return given is not None
+    if len(given) == 1 and "=" not in given[0]:
+        return _number(given[0])
+    return {name: _number(size) for name, size in _pairs(given, "--motors")}
 
 
 def _pairs(given: Sequence[str], option: str) -> list[tuple[str, str]]:

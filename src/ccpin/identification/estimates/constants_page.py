@@ -73,6 +73,8 @@ def estimate_page(
         )
     if estimate.stribeck:
         sections.append(Section("friction", "Friction that falls with speed", _friction(estimate)))
+    if estimate.motors.names:
+        sections.append(Section("motors", "Motors", _motors(estimate)))
     sections.append(Section("held-out", "What was not seen", _unseen(estimate)))
     sections.append(Section("clocks", "Clocks", _clocks(estimate)))
     sections.append(Section("noise", "Noise and outliers", _noise(estimate)))
@@ -100,6 +102,20 @@ def _friction(estimate: Estimate) -> str:
         return body
     words = "Dry friction against speed, N m or N and rad/s or m/s, ± two standard deviations; upright, where v_s is"
     return body + figure(friction_figure(found), words)
+
+
+def _motors(estimate: Estimate) -> str:
+    """Factors of motors' efforts."""
+    told = (
+        "True efforts over what columns say, with standard deviations, in which is what is not known of the scale that "
+        "motors and constants share. Efforts told and measured above are true ones, by these."
+    )
+    of_k = estimate.motors
+    rows = [
+        [f"`{name}`", f"{k:.5g}", f"{off:.2g}"]
+        for name, k, off in zip(of_k.names, of_k.values, of_k.deviations, strict=True)
+    ]
+    return paragraphs(told) + table(["motor", "k", "standard deviation"], rows)
 
 
 def _unseen(estimate: Estimate) -> str:

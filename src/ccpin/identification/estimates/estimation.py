@@ -16,6 +16,7 @@ its velocity is known to is left out. Where Stribeck's friction is asked for, it
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,14 @@ from ccpin.identification.estimates.effort_samples import EffortSamples, effort_
 from ccpin.identification.estimates.felt_combinations import Effects, Motions, checked_kinds, effects
 from ccpin.identification.estimates.held_out import HeldOut, cross_validated, parts_of
 from ccpin.identification.estimates.motion_errors import with_motion_errors
+from ccpin.identification.estimates.motor_constants import (
+    FittedMotors,
+    MotorConstants,
+    StatedMotors,
+    asked_motors,
+    fitted_motors,
+    told_motors,
+)
 from ccpin.identification.estimates.output_error import Refined, refined
 from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit, fitted_robustly
 from ccpin.identification.estimates.stated_priors import Prior, stated_prior
@@ -73,6 +82,7 @@ class Estimate(NamedTuple):
         effects: How combinations follow from constants.
         model: The mechanism that the constants are of: as it was given, with the Stribeck speeds that were found.
         stribeck: What was found of the joints of which Stribeck's friction was asked for.
+        motors: What was found of the motors whose constants were asked for.
     """
 
     combinations: tuple[str, ...]
@@ -90,6 +100,7 @@ class Estimate(NamedTuple):
     effects: Effects
     model: ReducedModel
     stribeck: tuple[StribeckFriction, ...]
+    motors: MotorConstants
 
     def __repr__(self) -> str:
         used, left = self.samples
@@ -144,16 +155,18 @@ class Estimate(NamedTuple):
             horizon: How long a simulated motion is, s (`ccpin.identification.estimates.output_error`).
 
         Raises:
-            InvalidInputError: Other logs, an unknown name, no stretch that is long enough, or numbers that the logs do
-                not tell.
+            InvalidInputError: Other logs, an unknown name, no stretch that is long enough, numbers that the logs do
+                not tell, or an estimate with motors' constants.
             ConvergenceError: No constants were settled on.
         """
         return refined(model, self, logs, geometry, horizon)
 
     def table(self) -> str:
-        """Each combination, its value, its deviation and what the model states, a line each; then Stribeck speeds."""
+        """Each combination, its value, its deviation and what the model states, a line each; then motors and speeds."""
         rows = zip(self.combinations, self.values, self.deviations, self.stated, strict=True)
         lines = [f"{value:12.5g} ± {off:9.2g}   stated {said:12.5g}   {name}" for name, value, off, said in rows]
+        told = zip(self.motors.names, self.motors.values, self.motors.deviations, strict=True)
+        lines += [f"{value:12.5g} ± {off:9.2g}   stated {1:12.5g}   motor:{name}" for name, value, off in told]
         for each in self.stribeck:
             found = (
                 f"{each.values[2]:12.5g} ± {each.deviations[2]:9.2g}   {each.interval[0]:.4g} … {each.interval[1]:.4g}"
@@ -175,6 +188,7 @@ def identify(
     robust: bool = True,
     align: bool = False,
     stribeck: bool | Sequence[str] = False,
+    motors: bool | str | float | Mapping[str, str | float | None] = False,
 ) -> Estimate:
     """What logs tell of a mechanism's constants.
 
@@ -193,12 +207,16 @@ def identify(
         stribeck: Look for a Stribeck effect of these joints (of one velocity), or of all, beside the kinds: breakaway
             levels as ``stribeck:JOINT``, and speeds. What is told is `Estimate.model`'s; a joint of which the logs tell
             none has Coulomb's friction.
+        motors: Look for factors k of motors' efforts as well, each known to be 1 to a share (``"10 %"``) or deviation,
+            of all or by name; of ``None`` nothing is known, nor of any with ``True``
+            (`ccpin.identification.estimates.motor_constants`). Motors that are not named are as their columns say.
 
     Raises:
         InvalidInputError: No log, an effort was not measured, too few samples to tell anything, a prior of what is
-            not looked for, or a Stribeck effect of joints without friction.
+            not looked for, a Stribeck effect of joints without friction or beside motors, motors that are not as many
+            as coordinates, or nothing that fixes their scale.
         UnsupportedMechanismError: A coordinate is a ball or a circle.
-        ConvergenceError: Clocks that are so far apart that setting them right does not settle.
+        ConvergenceError: Clocks that are so far apart that setting them right does not settle, or motors' constants.
     """
     model = model_of(model)
     logs = records([logs] if isinstance(logs, Log) else logs, "logs", Log)
@@ -206,7 +224,9 @@ def identify(
         raise InvalidInputError("no log: there is nothing to learn from")
     for name, value in (("robust", robust), ("align", align)):
         instance(value, name, bool, "True or False")
-    asked, given = asked_joints(model, stribeck), model
+    asked, given, drives = asked_joints(model, stribeck), model, asked_motors(model, motors)
+    if asked and drives.names:
+        raise InvalidInputError("motors: not beside stribeck; find them first, then it, of `motors.corrected(log)`")
     model = with_stribeck_speeds(given, dict.fromkeys(asked, 0.0))
     kinds = checked_kinds(kinds, model)
     if asked and "friction" not in kinds:
@@ -221,32 +241,39 @@ def identify(
         motions = [smoothed(log, model, spacing=spacing, noise=noise, smoothness=_SMOOTHNESS) for log in on_time]
         samples = [samples_of(model, motion, "friction" in kinds) for motion in motions]
         found = _effects(model, samples, kinds, known)
-        rows = _rows(model, samples, found, known)
-        fit = fitted_robustly(rows, robust)
-        delays = _further(samples, rows, fit)
+        driven = fitted_motors(model, samples, partial(_rows, model, found=found, known=known), drives, robust)
+        delays = _further(samples, driven.rows, driven.fit)
         if not align or (np.abs(delays[0]) <= _ALIGNED * delays[1]).all():
             break
         taken = taken + delays[0]
         if turn == _MOST_TURNS - 1 or (np.abs(taken) > most).any():
             raise ConvergenceError(f"setting the efforts' clocks right does not settle: they seem to be {taken} s late")
-    plain = _Fitted(model, samples, found, rows, fit, np.zeros((*rows.tau.shape, 0)))
-    speeds = found_speeds(rows, stribeck_columns(model, samples, asked), robust)
+    plain = _Fitted(model, samples, found, driven)
+    speeds = found_speeds(plain.rows, stribeck_columns(model, samples, asked), robust)
     best = _with_stribeck(given, plain, speeds, (*kinds, "stribeck"), prior, robust) if speeds.speeds else plain
     delays = _further(best.samples, best.rows, best.fit)
     told = zip(logs, *delays, taken, strict=True)
     late = tuple(Delay(log.source, float(d + own), float(off), float(own)) for log, d, off, own in told)
-    return _estimate(best, plain if speeds.speeds else None, speeds, late)
+    return _estimate(best, plain if speeds.speeds else None, speeds, drives, late)
 
 
 class _Fitted(NamedTuple):
-    """A model, samples, what they tell apart, W β = τ, its fit, and ∂τ/∂v_s: Stribeck speeds follow β."""
+    """A model, samples, what they tell apart, and a fit; ∂τ/∂v_s, or by motors, are its slopes and follow β."""
 
     model: ReducedModel
     samples: Sequence[EffortSamples]
     effects: Effects
-    rows: EffortRows
-    fit: RobustFit
-    slopes: Array
+    driven: FittedMotors
+
+    @property
+    def rows(self) -> EffortRows:
+        """W β = τ."""
+        return self.driven.rows
+
+    @property
+    def fit(self) -> RobustFit:
+        """Of the rows with their slopes."""
+        return self.driven.fit
 
     @property
     def stated(self) -> Array:
@@ -276,7 +303,8 @@ def _with_stribeck(
     found = _effects(model, samples, kinds, known)
     rows = _rows(model, samples, found, known)
     slopes = speeds.slopes(stribeck_columns(model, samples, tuple(speeds.speeds)))
-    return _Fitted(model, samples, found, rows, fitted_robustly(with_columns(rows, slopes), robust), slopes)
+    fit = fitted_robustly(with_columns(rows, slopes), robust)
+    return _Fitted(model, samples, found, FittedMotors(rows, fit, slopes, None))
 
 
 def _effects(model: ReducedModel, samples: Sequence[EffortSamples], kinds: Sequence[str], known: Prior) -> Effects:
@@ -312,9 +340,11 @@ def _further(samples: Sequence[EffortSamples], rows: EffortRows, fit: RobustFit)
     return further_delays(fit, left, told, [slopes(s.t, s.stretch, s.force) for s in samples])
 
 
-def _estimate(best: _Fitted, plain: _Fitted | None, speeds: FoundSpeeds, late: tuple[Delay, ...]) -> Estimate:
+def _estimate(
+    best: _Fitted, plain: _Fitted | None, speeds: FoundSpeeds, drives: StatedMotors, late: tuple[Delay, ...]
+) -> Estimate:
     """Words and values: s₁ + (V₁ᵀ)⁻¹V₂ᵀ s₂ = (V₁ᵀ)⁻¹ β, with s = S π and V₁ the rows of V that pivot."""
-    model, samples, found, rows, fit, slopes = best
+    model, samples, found, (rows, fit, slopes, k) = best
     everything, scale, V = model.parameters, found.scale, found.basis
     r, stated = V.shape[1], everything.values[found.columns]
     first = pivots(found)
@@ -326,7 +356,7 @@ def _estimate(best: _Fitted, plain: _Fitted | None, speeds: FoundSpeeds, late: t
     values = np.array(everything.values)
     values[found.columns] = stated + V @ (best.beta - best.stated) / scale
     parameters = DynamicParameters(everything.names, everything.kinds, everything.units, values)
-    covariance = with_motion_errors(model, samples, with_columns(rows, slopes), fit, parameters)
+    covariance = with_motion_errors(model, samples, with_columns(rows, slopes), fit, parameters, k)
     measured = np.concatenate([each.force for each in samples])
     missed = measured - np.concatenate([each.Y @ everything.values for each in samples])
     own = fit.counted
@@ -355,6 +385,7 @@ def _estimate(best: _Fitted, plain: _Fitted | None, speeds: FoundSpeeds, late: t
         found,
         model,
         told_friction(speeds, found, parameters, covariance),
+        told_motors(drives, k, covariance if drives.names else covariance[:r, :r], to_values),
     )
 
 

@@ -21,6 +21,7 @@ from ccpin.arrays import Array
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.identification.estimates.effort_samples import EffortSamples
+from ccpin.identification.estimates.motor_constants import as_logged
 from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit
 from ccpin.identification.estimates.shooting import force_slopes
 
@@ -33,8 +34,9 @@ def with_motion_errors(
     rows: EffortRows,
     fit: RobustFit,
     constants: DynamicParameters,
+    k: Array | None,
 ) -> Array:
-    """Cov β̂, of shape (r, r), of a fit of all samples, L that of constants π."""
+    """Cov β̂, of shape (r, r), of a fit of all samples, L of constants π; with motors' k it is M L, L of efforts k u."""
     pi = np.array(constants.values)
     pi[constants.of("friction", "stribeck")] = 0.0
     scores = np.where(fit.counted[:, None, None], rows.W / (fit.deviation**2)[:, None], 0.0)
@@ -44,9 +46,12 @@ def with_motion_errors(
             continue
         at = _apart(each.t)
         motion, places = each.motion, each.chosen[at]
-        L = force_slopes(model, pi, (motion.q[places], motion.v[places], motion.a[places]), motion.u[places])
+        u = motion.u[places] if k is None else k * motion.u[places]
+        L = force_slopes(model, pi, (motion.q[places], motion.v[places], motion.a[places]), u)
         if len(at) > 1:
             L = make_interp_spline(each.t[at], L, k=1)(each.t)
+        if k is not None:
+            X = np.swapaxes(as_logged(motion.transmission(model, each.chosen), k), 1, 2) @ X
         felt = np.swapaxes(L, 1, 2) @ X
         S += motion.errors.covariance(each.chosen, felt.reshape(len(X), 3, model.n, -1).swapaxes(0, 1))
     return np.asarray(fit.covariance + fit.covariance @ S @ fit.covariance)

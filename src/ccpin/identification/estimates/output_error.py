@@ -132,6 +132,8 @@ def refined(
     logs = records([logs] if isinstance(logs, Log) else logs, "logs", Log)
     if len(logs) != len(estimate.motions) or model.parameters.names != estimate.parameters.names:
         raise InvalidInputError("these are not the logs, or not the mechanism, that the estimate is of")
+    if estimate.motors.names:
+        raise InvalidInputError("with motors' constants take another estimate, of `motors.corrected(log)`")
     named = named_numbers(geometry_of(model), geometry, "geometry") if geometry else ()
     shots, starts = _cut(model, estimate, logs, positive(horizon, "horizon", "a positive number of seconds"))
     search = _OutputErrors(model, estimate, named, shots)

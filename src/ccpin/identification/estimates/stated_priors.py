@@ -52,19 +52,28 @@ def stated_prior(parameters: DynamicParameters, columns: Indices, prior: object)
         places = [k for k in places if k in looked_for]
         if not places:
             raise InvalidInputError(f"prior: '{name}' is not among the constants that are looked for")
-        share = _SHARE.fullmatch(told[name]) if isinstance(told[name], str) else None
-        if isinstance(told[name], str) and share is None:
-            raise InvalidInputError(f"prior: {told[name]!r} of '{name}' is neither a number nor a share such as '5 %'")
         for k in places:
-            size = told[name] if share is None else float(share[1]) / 100.0 * _size(parameters, k)
-            if share is not None and not size:
+            size = _size(parameters, k)
+            if isinstance(told[name], str) and not size:
                 raise InvalidInputError(
                     f"prior: '{parameters.names[k]}' is stated as nothing, of which {told[name]!r} is no deviation; "
                     f"state it in {parameters.units[k]}"
                 )
-            found[k] = positive(size, f"the prior's deviation of '{parameters.names[k]}'")
+            found[k] = deviation(told[name], size, "prior", parameters.names[k])
     order = sorted(found)
     return Prior(np.array(order, dtype=np.intp), np.array([found[k] for k in order]))
+
+
+def deviation(told: object, size: float, whose: str, name: str) -> float:
+    """A standard deviation as it is said of a name: a number, or a share of a size.
+
+    Raises:
+        InvalidInputError: It is neither, or not positive.
+    """
+    share = _SHARE.fullmatch(told) if isinstance(told, str) else None
+    if isinstance(told, str) and share is None:
+        raise InvalidInputError(f"{whose}: {told!r} of '{name}' is neither a number nor a share such as '5 %'")
+    return positive(told if share is None else float(share[1]) / 100.0 * size, f"{whose}: the deviation of '{name}'")
 
 
 def _size(parameters: DynamicParameters, place: int) -> float:

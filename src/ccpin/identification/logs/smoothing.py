@@ -81,12 +81,15 @@ class Smoothed(NamedTuple):
         """The samples that have the efforts of all motors, by number."""
         return np.flatnonzero(~np.isnan(self.u).any(axis=1))
 
+    def transmission(self, model: ReducedModel, rows: Indices) -> Array:
+        """ρᵀSᵀ at some samples, of shape (len(rows), n, motors)."""
+        if model.actuation is None:
+            return np.broadcast_to(np.eye(model.n), (len(rows), model.n, model.n))
+        return np.asarray(np.swapaxes(model.terms_many(self.q[rows], self.v[rows]).rho, 1, 2) @ model.actuation.T)
+
     def forces(self, model: ReducedModel, rows: Indices) -> Array:
         """ρᵀSᵀu at some samples, N m or N, of shape (len(rows), n)."""
-        if model.actuation is None:
-            return self.u[rows]
-        rho = model.terms_many(self.q[rows], self.v[rows]).rho
-        return np.asarray(np.einsum("sij,ki,sk->sj", rho, model.actuation, self.u[rows], optimize=True))
+        return np.asarray(np.einsum("sjk,sk->sj", self.transmission(model, rows), self.u[rows]))
 
 
 class _Alone(NamedTuple):
