@@ -51,7 +51,7 @@ def test_older_versions_compute_the_same(name):
 
 
 def found(name, wanted):
-    """A function of two numbers (`exp` looks at the first) in a version of its own, ``None`` where libm has no such version."""
+    """A function of two numbers (`exp` takes the first) in a version, ``None`` where libm has no such version."""
     libm = ctypes.CDLL("libm.so.6")
     look = ctypes.CDLL(None).dlvsym
     look.restype, look.argtypes = ctypes.c_void_p, (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p)
