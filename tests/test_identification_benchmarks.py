@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from benchmarks import identification, identification_peers, stribeck
+from benchmarks import identification, identification_peers, motors, stribeck
 
 SHARES = re.compile(r"([\w., ()]*?) ([\d.e+-]+) %")
 
@@ -33,6 +33,13 @@ def test_stribecks_friction_is_told_where_it_is(capsys):
     assert with_it < 0.2 * without
     stribeck.main(["rpdr", "--runs", "1", "--none"])
     assert "an effect told of 0 of 4 joints" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_with_motors_constants_less_is_missed(tmp_path, capsys):
+    motors.main(["rpdr", "--runs", "2", "--into", str(tmp_path / "found.jsonl")])
+    with_them, without, stated = missed(capsys.readouterr().out).values()
+    assert with_them < 0.7 * without < 0.7 * stated
 
 
 def missed(told):

@@ -106,7 +106,6 @@ def test_units_of_efforts_are_units_of_k(bench):
         ({"motors": {"elbow": "5 %"}}, "'elbow' is no motor"),
         ({"motors": "a lot"}, "'a lot' of 'all' is neither a number nor a share"),
         ({"motors": {"joint1": -1.0}}, "the deviation of 'joint1'"),
-        ({"motors": True, "stribeck": True}, "not beside stribeck"),
     ],
 )
 def test_what_tells_nothing_is_refused(bench, asked, words):
@@ -131,6 +130,20 @@ def test_late_clocks_and_gross_errors_are_set_right_beside(bench):
     assert estimate.delays[0].seconds == pytest.approx(4e-3, abs=1e-3)
     assert len(estimate.outliers) >= 5
     assert np.abs((estimate.motors.values - K) / estimate.motors.deviations).max() < 4.0
+
+
+@pytest.mark.slow
+def test_stribecks_friction_is_found_beside(bench):
+    """Levels and speeds of the simulated law, in true N m, from efforts told too small or too large."""
+    terms = bench.model.terms_many(bench.q, bench.v)
+    rates = np.einsum("sij,sj->si", terms.rho, bench.v)
+    fall = 0.02 * np.exp(-((rates / 0.4) ** 2)) * np.sign(rates)
+    log = said(bench._replace(tau=bench.tau + np.einsum("sij,si->sj", terms.rho, fall)).log(9), K)
+    estimate = identify(bench.model, log, motors=True, stribeck=True, **FRICTION)
+    assert np.abs((estimate.motors.values - K) / estimate.motors.deviations).max() < 4.0
+    for each in estimate.stribeck:
+        assert np.abs((each.values - [0.02, 0.04, 0.4]) / each.deviations).max() < 4.0
+        assert each.deviations[2] < 0.1
 
 
 @pytest.mark.slow

@@ -42,15 +42,15 @@ from ccpin.identification.estimates.motor_constants import (
     told_motors,
 )
 from ccpin.identification.estimates.output_error import Refined, refined
-from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit, fitted_robustly
+from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit
 from ccpin.identification.estimates.stated_priors import Prior, stated_prior
 from ccpin.identification.estimates.stribeck_friction import (
+    NO_SPEEDS,
     FoundSpeeds,
     StribeckFriction,
     asked_joints,
     stribeck_columns,
     told_friction,
-    with_columns,
     with_effect,
 )
 from ccpin.identification.estimates.stribeck_search import found_speeds
@@ -213,8 +213,8 @@ def identify(
 
     Raises:
         InvalidInputError: No log, an effort was not measured, too few samples to tell anything, a prior of what is
-            not looked for, a Stribeck effect of joints without friction or beside motors, motors that are not as many
-            as coordinates, or nothing that fixes their scale.
+            not looked for, a Stribeck effect of joints without friction, motors that are not as many as coordinates, or
+            nothing that fixes their scale.
         UnsupportedMechanismError: A coordinate is a ball or a circle.
         ConvergenceError: Clocks that are so far apart that setting them right does not settle, or motors' constants.
     """
@@ -225,8 +225,6 @@ def identify(
     for name, value in (("robust", robust), ("align", align)):
         instance(value, name, bool, "True or False")
     asked, given, drives = asked_joints(model, stribeck), model, asked_motors(model, motors)
-    if asked and drives.names:
-        raise InvalidInputError("motors: not beside stribeck; find them first, then it, of `motors.corrected(log)`")
     model = with_stribeck_speeds(given, dict.fromkeys(asked, 0.0))
     kinds = checked_kinds(kinds, model)
     if asked and "friction" not in kinds:
@@ -241,7 +239,8 @@ def identify(
         motions = [smoothed(log, model, spacing=spacing, noise=noise, smoothness=_SMOOTHNESS) for log in on_time]
         samples = [samples_of(model, motion, "friction" in kinds) for motion in motions]
         found = _effects(model, samples, kinds, known)
-        driven = fitted_motors(model, samples, partial(_rows, model, found=found, known=known), drives, robust)
+        rows_of = partial(_rows, model, found=found, known=known)
+        driven = fitted_motors(model, samples, rows_of, partial(NO_SPEEDS.slopes, model), drives, robust)
         delays = _further(samples, driven.rows, driven.fit)
         if not align or (np.abs(delays[0]) <= _ALIGNED * delays[1]).all():
             break
@@ -249,8 +248,8 @@ def identify(
         if turn == _MOST_TURNS - 1 or (np.abs(taken) > most).any():
             raise ConvergenceError(f"setting the efforts' clocks right does not settle: they seem to be {taken} s late")
     plain = _Fitted(model, samples, found, driven)
-    speeds = found_speeds(plain.rows, stribeck_columns(model, samples, asked), robust)
-    best = _with_stribeck(given, plain, speeds, (*kinds, "stribeck"), prior, robust) if speeds.speeds else plain
+    speeds = found_speeds(driven.both, stribeck_columns(model, driven.samples, asked), robust)
+    best = _with_stribeck(given, plain, speeds, (*kinds, "stribeck"), prior, drives, robust) if speeds.speeds else plain
     delays = _further(best.samples, best.rows, best.fit)
     told = zip(logs, *delays, taken, strict=True)
     late = tuple(Delay(log.source, float(d + own), float(off), float(own)) for log, d, off, own in told)
@@ -293,6 +292,7 @@ def _with_stribeck(
     speeds: FoundSpeeds,
     kinds: Sequence[str],
     prior: Mapping[str, float | str] | None,
+    drives: StatedMotors,
     robust: bool,
 ) -> _Fitted:
     """The fit with an effect of the joints of which it is told; ∂(E δ)/∂v_s stand beside W."""
@@ -301,10 +301,9 @@ def _with_stribeck(
     samples = [with_effect(plain.model, model, each, speeds) for each in plain.samples]
     known = stated_prior(model.parameters, model.parameters.of(*kinds), prior)
     found = _effects(model, samples, kinds, known)
-    rows = _rows(model, samples, found, known)
-    slopes = speeds.slopes(stribeck_columns(model, samples, tuple(speeds.speeds)))
-    fit = fitted_robustly(with_columns(rows, slopes), robust)
-    return _Fitted(model, samples, found, FittedMotors(rows, fit, slopes, None))
+    rows_of = partial(_rows, model, found=found, known=known)
+    slopes = partial(speeds.slopes, model)
+    return _Fitted(model, samples, found, fitted_motors(model, samples, rows_of, slopes, drives, robust))
 
 
 def _effects(model: ReducedModel, samples: Sequence[EffortSamples], kinds: Sequence[str], known: Prior) -> Effects:
@@ -344,7 +343,7 @@ def _estimate(
     best: _Fitted, plain: _Fitted | None, speeds: FoundSpeeds, drives: StatedMotors, late: tuple[Delay, ...]
 ) -> Estimate:
     """Words and values: s₁ + (V₁ᵀ)⁻¹V₂ᵀ s₂ = (V₁ᵀ)⁻¹ β, with s = S π and V₁ the rows of V that pivot."""
-    model, samples, found, (rows, fit, slopes, k) = best
+    model, samples, found, (_, rows, _, both, fit, k) = best
     everything, scale, V = model.parameters, found.scale, found.basis
     r, stated = V.shape[1], everything.values[found.columns]
     first = pivots(found)
@@ -356,7 +355,7 @@ def _estimate(
     values = np.array(everything.values)
     values[found.columns] = stated + V @ (best.beta - best.stated) / scale
     parameters = DynamicParameters(everything.names, everything.kinds, everything.units, values)
-    covariance = with_motion_errors(model, samples, with_columns(rows, slopes), fit, parameters, k)
+    covariance = with_motion_errors(model, samples, both, fit, parameters, k)
     measured = np.concatenate([each.force for each in samples])
     missed = measured - np.concatenate([each.Y @ everything.values for each in samples])
     own = fit.counted
@@ -385,7 +384,7 @@ def _estimate(
         found,
         model,
         told_friction(speeds, found, parameters, covariance),
-        told_motors(drives, k, covariance if drives.names else covariance[:r, :r], to_values),
+        told_motors(drives, k, covariance, to_values),
     )
 
 

@@ -16,14 +16,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from ccpin.arrays import Array, Indices, instance
 from ccpin.description.names import choices
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import ConvergenceError, InvalidInputError
 from ccpin.identification.estimates.effort_samples import EffortSamples
-from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit, fitted_robustly
+from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit, fitted_robustly, with_columns
 from ccpin.identification.estimates.stated_priors import deviation
 from ccpin.identification.logs.log import Log
 
@@ -75,11 +74,20 @@ class StatedMotors(NamedTuple):
 
 
 class FittedMotors(NamedTuple):
-    """The last rows M W β = A u, the fit of them and of the columns by k beside them, and k of all motors, if any."""
+    """A fit, linear about the last k.
 
+    Attributes:
+        samples: Those given, Y as columns say it: M Y.
+        rows: M W β = A u. slopes: Columns beside M W, of shape (N, n, s): those given, then those by k.
+        both: All of this together, with what is known of k. fit: Of these.
+        k: Of all motors; ``None``: not asked for.
+    """
+
+    samples: Sequence[EffortSamples]
     rows: EffortRows
-    fit: RobustFit
     slopes: Array
+    both: EffortRows
+    fit: RobustFit
     k: Array | None
 
 
@@ -114,6 +122,7 @@ def fitted_motors(
     model: ReducedModel,
     samples: Sequence[EffortSamples],
     rows_of: Callable[[Sequence[EffortSamples]], EffortRows],
+    beside: Callable[[Sequence[EffortSamples]], Array],
     asked: StatedMotors,
     robust: bool,
 ) -> FittedMotors:
@@ -123,6 +132,7 @@ def fitted_motors(
         model: The mechanism.
         samples: With Y.
         rows_of: W β = τ of samples.
+        beside: Columns beside W, of shape (N, n, s), of samples.
         asked: Whose constants are looked for.
         robust: Leave out efforts that are grossly off.
 
@@ -130,34 +140,38 @@ def fitted_motors(
         InvalidInputError: Nothing fixes the scale of constants and motors.
         ConvergenceError: The iteration does not settle.
     """
-    rows = rows_of(samples)
-    fit = fitted_robustly(rows, robust)
+    rows, further = rows_of(samples), beside(samples)
+    both = with_columns(rows, further)
+    fit = fitted_robustly(both, robust)
     if not asked.names:
-        return FittedMotors(rows, fit, np.zeros((*rows.tau.shape, 0)), None)
+        return FittedMotors(samples, rows, further, both, fit, None)
     A = [each.motion.transmission(model, each.chosen) for each in samples]
     inverse, force = np.linalg.inv(np.concatenate(A)), np.concatenate([each.force for each in samples])
-    k, r, own = np.ones(model.n), rows.W.shape[2], asked.places
+    k, r, own, m = np.ones(model.n), rows.W.shape[2], asked.places, len(asked.names)
     for turn in range(_MOST_STEPS):
-        rows = rows_of([s._replace(Y=as_logged(a, k) @ s.Y) for s, a in zip(samples, A, strict=True)])
+        drawn = [s._replace(Y=as_logged(a, k) @ s.Y) for s, a in zip(samples, A, strict=True)]
+        rows = rows_of(drawn)
         efforts = np.einsum("sij,sj->si", inverse, force - rows.left(fit.beta[:r])) / k
-        slopes = -(np.concatenate(A) * efforts[:, None])[..., own]
-        P, p = block_diag(rows.P, np.diag(1.0 / asked.deviations)), np.r_[rows.p, (1.0 - k[own]) / asked.deviations]
-        both = EffortRows(np.concatenate([rows.W, slopes], axis=2), rows.tau, P, p)
+        slopes = np.concatenate([beside(drawn), -(np.concatenate(A) * efforts[:, None])[..., own]], axis=2)
+        both = with_columns(rows, slopes)
+        known = np.eye(m, both.W.shape[2], both.W.shape[2] - m) / asked.deviations[:, None]
+        p = np.r_[both.p, (1.0 - k[own]) / asked.deviations]
+        both = both._replace(P=np.concatenate([both.P, known]), p=p)
         if not turn:
             _require_scale(both, fit.deviation, asked.names)
         fit = fitted_robustly(both, robust)
-        step, away = fit.beta[r:], np.linalg.inv(fit.covariance[r:, r:])
+        step, away = fit.beta[-m:], np.linalg.inv(fit.covariance[-m:, -m:])
         if step @ away @ step <= _SETTLED**2 or (np.abs(step) <= _ROUNDING * k[own]).all():
-            return FittedMotors(rows, fit, slopes, k)
+            return FittedMotors(drawn, rows, slopes, both, fit, k)
         k[own] = k[own] / np.maximum(1.0 - step / k[own], _LEAST_SHARE)
     raise ConvergenceError(f"motors' constants do not settle: they seem to be {k[own]}")
 
 
 def told_motors(asked: StatedMotors, k: Array | None, covariance: Array, to_values: Array) -> MotorConstants:
-    """Of the covariance of (β̂, k̂), β̂'s made that of the values."""
-    r = len(to_values)
+    """Of the covariance of (β̂, …, k̂), β̂'s made that of the values."""
+    first, r = len(covariance) - len(asked.names), len(to_values)
     values = np.zeros(0) if k is None else k[asked.places]
-    return MotorConstants(asked.names, values, covariance[r:, r:], covariance[r:, :r] @ to_values.T)
+    return MotorConstants(asked.names, values, covariance[first:, first:], covariance[first:, :r] @ to_values.T)
 
 
 def _require_scale(rows: EffortRows, deviation: Array, names: Sequence[str]) -> None:

@@ -74,6 +74,11 @@ class RobustFit(NamedTuple):
     orthogonal: Array
 
 
+def with_columns(rows: EffortRows, further: Array) -> EffortRows:
+    """Further columns (N, n, k) beside W, of which nothing is known beforehand."""
+    return rows._replace(W=np.concatenate([rows.W, further], axis=2), P=np.pad(rows.P, ((0, 0), (0, further.shape[2]))))
+
+
 def fitted_robustly(rows: EffortRows, robust: bool) -> RobustFit:
     """The fit of all samples, or of all but those grossly off."""
     counted = np.ones(len(rows.tau), dtype=bool)

@@ -19,7 +19,6 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.identification.estimates.effort_samples import EffortSamples
 from ccpin.identification.estimates.felt_combinations import Effects
-from ccpin.identification.estimates.robust_fit import EffortRows
 
 _ALONE = 1e-6  # of a constant: as much may be told with others
 
@@ -109,9 +108,13 @@ class FoundSpeeds(NamedTuple):
     increments: Array
     told: tuple[Verdict, ...]
 
-    def slopes(self, columns: StribeckColumns) -> Array:
+    def slopes(self, model: ReducedModel, samples: Sequence[EffortSamples]) -> Array:
         """∂(E δ)/∂v_s, of shape (N, n, k)."""
+        columns = stribeck_columns(model, samples, tuple(self.speeds))
         return columns.slopes(np.array([*self.speeds.values()])) * self.increments
+
+
+NO_SPEEDS = FoundSpeeds({}, np.zeros(0), ())
 
 
 def stribeck_columns(model: ReducedModel, samples: Sequence[EffortSamples], joints: Sequence[str]) -> StribeckColumns:
@@ -137,11 +140,6 @@ def asked_joints(model: ReducedModel, asked: bool | Sequence[str]) -> tuple[str,
         if name not in able:
             raise InvalidInputError(f"stribeck: '{name}' is no joint of one velocity; {choices(str(name), able)}")
     return tuple(name for name in able if name in names)
-
-
-def with_columns(rows: EffortRows, further: Array) -> EffortRows:
-    """Further columns (N, n, k) beside W, of which nothing is known beforehand."""
-    return rows._replace(W=np.concatenate([rows.W, further], axis=2), P=np.pad(rows.P, ((0, 0), (0, further.shape[2]))))
 
 
 def with_effect(before: ReducedModel, after: ReducedModel, samples: EffortSamples, found: FoundSpeeds) -> EffortSamples:

@@ -25,8 +25,8 @@ import numpy as np
 from scipy.optimize import brentq, least_squares, nnls
 
 from ccpin.arrays import Array
-from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit, fitted_robustly
-from ccpin.identification.estimates.stribeck_friction import FoundSpeeds, StribeckColumns, Verdict, with_columns
+from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit, fitted_robustly, with_columns
+from ccpin.identification.estimates.stribeck_friction import FoundSpeeds, StribeckColumns, Verdict
 
 _GRID, _SWEEPS, _ROUNDS = 16, 4, 4
 _SLOW = 20  # samples that have to be slower than v_s
