@@ -22,10 +22,9 @@ import numpy as np
 import ccpin
 from benchmarks import identification as bench
 from ccpin.identification import Log, identify
-from ccpin.identification.estimates.stated_priors import stated_prior
 
-PRIOR = {"inertia": "20 %", "mass": "2 %"}
-OFF = 0.15
+MASS, MOMENT, OFF = 0.02, 0.2, 0.15
+"""Deviations of masses and of moments, shares as `prior` takes them; and how far k is from 1."""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -45,12 +44,13 @@ def told(name: str, runs: int, effort: float, into: Path | None = None) -> None:
     model = ccpin.ReducedModel(ccpin.load(name))
     shown, unseen = bench.motions(model, *bench.MODELS.get(name, (0.15, 2.0, 1)))
     moved, Y = [bench.along(model, each) for each in shown], bench.along(model, unseen).Y
+    known = beforehand(model)
     lines = [line for line in bench.read(into) if (line["model"], line["effort"]) == (name, effort)]
     for run in range(len(lines), runs):
         begin, draw = time.process_time(), np.random.default_rng(run)
-        truth, k = another(model, draw), draw.uniform(1.0 - OFF, 1.0 + OFF, model.n)
+        truth, k = another(model, known, draw), draw.uniform(1.0 - OFF, 1.0 + OFF, model.n)
         logs = [said(bench.logged(model, each, each.Y @ truth, draw, effort), k) for each in moved]
-        found, plain = identify(model, logs, prior=PRIOR, motors=True), identify(model, logs, prior=PRIOR)
+        found, plain = identify(model, logs, prior=known, motors=True), identify(model, logs, prior=known)
         of_k, efforts = found.motors, Y @ truth
         size = np.sqrt((efforts**2).mean())
         slopes = (np.eye(model.n) - np.outer(of_k.values / of_k.values[0], np.eye(model.n)[0]))[1:] / of_k.values[0]
@@ -75,12 +75,21 @@ def told(name: str, runs: int, effort: float, into: Path | None = None) -> None:
     print(f"{Path(name).stem}: {summary(lines)}", flush=True)
 
 
-def another(model: ccpin.ReducedModel, draw: np.random.Generator) -> np.ndarray:
+def beforehand(model: ccpin.ReducedModel) -> dict[str, float]:
+    """Deviations of the ten numbers of all bodies with mass, by name."""
+    told, known = model.parameters, dict[str, float]()
+    for first in np.flatnonzero([kind == "mass" for kind in told.kinds]):
+        m, s = told.values[first], told.values[first + np.array([4, 6, 9])].sum() / 2.0
+        sizes = [MASS * m, *[MOMENT * np.sqrt(m * s)] * 3, *[MOMENT * s] * 6]
+        known |= {name: x for name, x in zip(told.names[first : first + 10], sizes, strict=True) if x > 0.0}
+    return known
+
+
+def another(model: ccpin.ReducedModel, known: dict[str, float], draw: np.random.Generator) -> np.ndarray:
     """Constants of a robot as likely as what is told of them."""
-    known = stated_prior(model.parameters, model.parameters.of("inertia"), PRIOR)
-    values = np.array(model.parameters.values)
-    size = 0.01 * np.abs(values[known.columns]).max()
-    values[known.columns] += known.deviations * draw.normal(size=len(known.columns))
+    values, columns = np.array(model.parameters.values), [model.parameters.names.index(name) for name in known]
+    size = 0.01 * np.abs(values[columns]).max()
+    values[columns] += np.array([*known.values()]) * draw.normal(size=len(columns))
     for kind in ("damping", "friction"):
         values[model.parameters.of(kind)] += size * draw.uniform(0.5, 1.5, len(model.parameters.of(kind)))
     return values
