@@ -103,14 +103,19 @@ def test_what_the_theorem_asks_is_asked(claim):
     refused(replace(claim, y=claim.y[:, :-1]), "other degrees")
 
 
-def test_long_series_are_refused():
-    """Roundings of 4,000 terms are counted: C(91, 2) = 4,095 of two numbers of q are more."""
+@pytest.fixture(scope="module")
+def five_bar():
+    """The five-bar's: two numbers of q."""
     with flint().ctx.workprec(53):
-        equations, _ = recorded_motions(ccpin.ReducedModel(ccpin.load("rpdr")))
-    y, p = len(equations.loop.dependent), equations.sizes["P"]
+        return recorded_motions(ccpin.ReducedModel(ccpin.load("rpdr")))[0]
+
+
+def test_long_series_are_refused(five_bar):
+    """Roundings of 4,000 terms are counted: C(91, 2) = 4,095 of two numbers of q are more."""
+    y, p = len(five_bar.loop.dependent), five_bar.sizes["P"]
     refused(
         DependentColumns(
-            equations, np.zeros(2), np.ones(2), np.array([4.0]), np.zeros((y, 153)), np.ones(y), np.array([16, 89]),
+            five_bar, np.zeros(2), np.ones(2), np.array([4.0]), np.zeros((y, 153)), np.ones(y), np.array([16, 89]),
             np.zeros((4095, 2)), np.zeros((4095, y, 1)), np.array([0]), np.eye(1, p), np.ones(1), np.array([53]),
         ),
         "more terms",
@@ -151,17 +156,17 @@ def test_what_is_fastest(sliding):
         near(row, [stretches[:, np.equal(slides, slide)].max()])
 
 
-def test_the_largest_share_is_told(claim):
-    """Of a combination's forms, and of what friction leaves of it, whichever is more."""
-    with flint().ctx.workprec(53):
-        seen = claim.equations.arranged([ball(2.0)] * len(claim.equations.motions.outputs))
-    both = np.zeros((1, 26))
-    both[0, [0, 22, 25]] = 1.0, 1.0, -1.0
-    rubbing = Rubbing(np.array([[*both[0, [22, 25]]]]), np.zeros(1, dtype=np.int64))
-    own = replace(claim, combinations=both)
-    count = len(claim.equations.smooth_forms(seen))
-    for place, size in ((0, 3 * 2.0**2), (count, 2 * 2.0)):
-        most = np.zeros(count + 1)
+def test_the_largest_share_is_told(claim, five_bar):
+    """Of a combination's forms, and of what friction leaves of it along either number of q, whichever is more."""
+    seen = five_bar.arranged([ball(2.0)] * len(five_bar.motions.outputs))
+    (first, _), (second, _), *_ = five_bar.frictions
+    both = np.zeros((1, five_bar.sizes["P"]))
+    both[0, [0, first, second]] = 1.0, 1.0, -1.0
+    rubbing = Rubbing(np.eye(1, len(seen.rho)) - np.eye(1, len(seen.rho), 1), np.zeros(1, dtype=np.int64))
+    own = replace(claim, equations=five_bar, combinations=both)
+    count = len(five_bar.smooth_forms(seen))
+    for place, size in ((0, 3 * 2.0**2), (count, 2 * 2.0), (count + 1, 2 * 2.0)):
+        most = np.zeros(count + 2)
         most[place] = 1.0
         assert own._by_size(most, [seen], rubbing)[0] == pytest.approx(1.0 / size, rel=1e-5)
 
