@@ -14,6 +14,7 @@ from ccpin.identification.logs.smoothing import Outlier, Smoothed
 
 _GAP = 1.5  # of the usual time between two samples: one is missing
 _SURE = 4.0  # standard deviations of a velocity within which its sign is not known
+_NIL = 1e-9  # of q̇: a joint that is no faster stands, as those of a Delta's parallelograms do that rounding moves
 
 
 class EffortSamples(NamedTuple):
@@ -47,10 +48,12 @@ def samples_of(model: ReducedModel, motion: Smoothed, rubbing: bool) -> EffortSa
     terms = model.terms_many(motion.q[rows], motion.v[rows])
     rates = np.einsum("sij,sj->si", terms.rho, motion.v[rows])
     spread = np.sqrt(np.einsum("sij,sj->si", terms.rho**2, motion.v_deviation[rows] ** 2))
-    turning = np.all(np.abs(rates) > _SURE * spread, axis=1) if rubbing else np.ones(len(rows), dtype=bool)
+    moves = np.abs(terms.rho).max(axis=(0, 2), initial=0.0) > _NIL
+    sure = np.abs(rates[:, moves]) > _SURE * spread[:, moves]
+    turning = sure.all(axis=1) if rubbing else np.ones(len(rows), dtype=bool)
     chosen = rows[turning]
     Y = model.regressor_many(motion.q[chosen], motion.v[chosen], motion.a[chosen])
-    ways, apart = np.sign(rates[turning]), np.diff(motion.t[chosen])
+    ways, apart = np.sign(rates[turning][:, moves]), np.diff(motion.t[chosen])
     gaps = apart > _GAP * np.median(np.diff(motion.t[rows])) if len(apart) else apart > 0.0
     stretch = np.cumsum(np.r_[0, (ways[1:] != ways[:-1]).any(axis=1) | gaps])[: len(chosen)]
     return EffortSamples(

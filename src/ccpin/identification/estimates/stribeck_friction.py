@@ -154,7 +154,7 @@ def with_effect(before: ReducedModel, after: ReducedModel, samples: EffortSample
 
 
 def told_friction(
-    found: FoundSpeeds, effects: Effects, parameters: DynamicParameters, covariance: Array
+    found: FoundSpeeds, effects: Effects, parameters: DynamicParameters, together: Array
 ) -> tuple[StribeckFriction, ...]:
     """Levels and speeds of every joint that was asked for, from the covariance of β̂ and speeds, in this order."""
     told, r = [], effects.basis.shape[1]
@@ -162,7 +162,7 @@ def told_friction(
     def row(name: str) -> Array:
         """What a constant is of β and speeds; NaN where it is told in combinations only."""
         place = int(np.searchsorted(effects.columns, parameters.names.index(name)))
-        own = np.pad(effects.basis[place] / effects.scale[place], (0, len(covariance) - r))
+        own = np.pad(effects.basis[place] / effects.scale[place], (0, len(together) - r))
         return own if np.linalg.norm(effects.basis[place]) > 1.0 - _ALONE else own * np.nan
 
     for each in found.told:
@@ -170,9 +170,9 @@ def told_friction(
         if each.joint in found.speeds:
             names = f"friction:{each.joint}", f"stribeck:{each.joint}"
             c, more = (float(parameters.values[parameters.names.index(name)]) for name in names)
-            coulomb, increment, speed = row(names[0]), row(names[1]), np.zeros(len(covariance))
+            coulomb, increment, speed = row(names[0]), row(names[1]), np.zeros(len(together))
             speed[r + list(found.speeds).index(each.joint)] = 1.0
             slopes = np.array([coulomb, coulomb + increment, speed])
-            values, covariance = np.array([c, c + more, found.speeds[each.joint]]), slopes @ covariance @ slopes.T
+            values, covariance = np.array([c, c + more, found.speeds[each.joint]]), slopes @ together @ slopes.T
         told.append(StribeckFriction(each.joint, values, covariance, *each[1:]))
     return tuple(told)
