@@ -411,7 +411,7 @@ def _identification(b):
         ),
         "base_parameters": (
             identification.base_parameters,
-            {"mechanism": b.whole, "forces": (), "base": False, "states": 1, "precision": 60},
+            {"mechanism": b.whole, "forces": (), "base": False, "states": 1, "precision": 60, "box": None},
         ),
         "consistent": (identification.consistent, {"model": b.model, "estimate": estimate, "doubt": 10.0}),
         "excitation": (identification.excitation, {"model": b.model, "duration": 1.0} | limits | search),

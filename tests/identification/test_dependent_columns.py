@@ -215,7 +215,8 @@ def test_a_box_is_halved_until_sigma_is_there(loop, claim):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "count", "base"), [("sarrus", 9, False), ("four_bar", 30, True), ("delta", 90, False)]
+    ("name", "count", "base"),
+    [("sarrus", 9, False), ("four_bar", 30, True), ("planar_3rrr", 81, True), ("delta", 90, False)],
 )
 def test_those_of_others(name, count, base):
     """As many as are independent make all others, where structure does not say so."""

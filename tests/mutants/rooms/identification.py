@@ -5,7 +5,8 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _SEEN = tuple(f"identification/test_more_sensors.py::test_what_sensors_see[{name}]" for name in ("bar", "arm"))
-_CLAIMS = ("identification/test_sharp_combinations.py", "identification/test_rank_claims.py", *_SEEN)
+_FRICTION = "identification/test_sharp_dependent_columns.py::test_where_friction_stands"
+_CLAIMS = ("identification/test_sharp_combinations.py", "identification/test_rank_claims.py", *_SEEN, _FRICTION)
 _ADAPTIVE = ("identification/test_adaptive_tube_claims.py",)
 _EQUATIONS = tuple(
     f"{_ADAPTIVE[0]}::test_{name}"
@@ -38,7 +39,7 @@ _STRUCTURE = (
     "identification/test_vanishing.py::test_combinations_of_others_are_without_effect[bennett]",
     *_SEEN,
 )
-_DEPENDENT = ("identification/test_dependent_columns.py",)
+_DEPENDENT = ("identification/test_dependent_columns.py", "identification/test_sharp_dependent_columns.py")
 
 ROOMS = (
     Room("identification/combinations/exact_spaces", ("reduced", "null_space", "invariant_span"), _SPANS),
@@ -86,6 +87,10 @@ ROOMS = (
             *(f"DependentColumns.{name}" for name in ("examined", "_seen", "_left", "_by_size")),
         ),
         _DEPENDENT,
+        (
+            ("row[its[number]] = -other if", "0 let in", "either sign may be taken"),
+            ("require(len({level > 0.0", "0 let in", "levels that are 0 are left out"),
+        ),
     ),
     Room(
         "identification/adaptive/regressor_bounds",

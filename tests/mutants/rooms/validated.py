@@ -83,12 +83,20 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "validated/arithmetic/polydisc",
         (
-            *("_TERMS", "ring", "constants", "stacked", "sine_and_cosine"),
+            *("_TERMS", "_UNIT", "ring", "constants", "stacked", "sine_and_cosine"),
             *("inverse", "unit", "solution", "evaluated", "_double"),
             *(f"Analytic.{name}" for name in ("size", "__add__", "__sub__", "__mul__", "__matmul__", "scaled", "at")),
             *(f"Analytic.{name}" for name in ("polynomials", "_by_degree", "_beyond")),
         ),
         _POLYDISC,
+        (
+            *(
+                ("while count < _TERMS", change, "where the series stops: what is left is counted")
+                for change in ("not asked: not bound", "bound < _UNIT: left × 0.5")
+            ),
+            ("*[None] * (program.size - program.inputs)", "without program.inputs", "values that no one asks for"),
+            ("waves.get(a) or", "not asked: waves.get(a)", "the same is computed again"),
+        ),
     ),
     Room(
         "validated/arithmetic/chebyshev",
@@ -794,7 +802,7 @@ EXCUSED: tuple[Excused, ...] = (
     Excused("validated/arithmetic/chebyshev", ("_OUT",), "a margin over roundings that no test meets"),
     Excused(
         "validated/arithmetic/polydisc",
-        ("_BITS", "_UNIT", "_OUT", "_LEAST", "_TRIGONOMETRIC"),
+        ("_BITS", "_OUT", "_LEAST", "_TRIGONOMETRIC"),
         "margins over roundings that no test meets",
     ),
     Excused(

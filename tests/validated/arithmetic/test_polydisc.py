@@ -1,5 +1,6 @@
 """Functions analytic in a polydisc: against polynomials in whole numbers, where bounds are attained, and series."""
 
+from fractions import Fraction
 from math import comb, factorial
 
 import numpy as np
@@ -139,9 +140,42 @@ def test_a_sine_knows_what_is_left():
 
 
 def test_a_large_turn_has_no_bound():
-    """The exponential series is not taken to where it is not small."""
-    angle = constants(np.array(0.5), np.array(1e3), LINE)
-    assert not sine_and_cosine(angle)[0].rest < 1e10
+    """Of sin u up to u⁴⁰/40!, |u| = s, as much is left as sinh s has beyond; from s = 20.5 on it is not told."""
+    s = 20.0
+    known = float(sum(Fraction(s) ** k / factorial(k) for k in range(1, 41, 2)))
+    beyond_it = float(sum(Fraction(s) ** k / factorial(k) for k in range(41, 141, 2)))
+    found = sine_and_cosine(constants(np.array(0.0), np.array(s), LINE))[0].rest
+    assert known + beyond_it <= found <= known + 1.05 * beyond_it
+    for large in (21.5, 1e3):
+        assert np.isinf(sine_and_cosine(constants(np.array(0.5), np.array(large), LINE))[0].rest)
+
+
+def test_roundings_of_sums_are_counted():
+    """½ + (½ + 2⁻⁵³) is 2⁻⁵³ off: one unit of both, and not more than that is counted."""
+    a, b = (constants(np.array(x), np.array(0.0), LINE) for x in (0.5, 0.5 + 2.0**-53))
+    for total in (a + b, b + a):
+        off = abs(Fraction(0.5) + Fraction(0.5 + 2.0**-53) - Fraction(total.mid[0]))
+        assert off == Fraction(2) ** -53
+        assert off <= Fraction(float(total.rest)) <= off * Fraction(11, 10)
+
+
+def test_roundings_of_products_are_counted():
+    """In exact numbers; 1e-200 squared is 0 in doubles, and is not."""
+    rng, tiny = np.random.default_rng(7), np.full(1, 1e-200)
+    f, g = (constants(x, np.zeros(1), LINE) for x in rng.uniform(1.0, 2.0, (2, 1)))
+    f.mid[0, 1], g.mid[0, 1] = rng.uniform(1.0, 2.0, 2)
+    (a, b), (c, d) = ([Fraction(x) for x in each.mid[0, :2].tolist()] for each in (f, g))
+    small = constants(tiny, np.zeros(1), LINE)
+    for exact, found in (
+        ((a * c, a * d + b * c, b * d), (f * g).at(0)),
+        ((a * c, a * d + b * c, b * d), (f.at(np.s_[:, None]) @ g.at(np.s_[:, None])).at((0, 0))),
+        ((a / 10, b / 10, Fraction(0)), f.scaled(0.1, 0.1 - float(np.nextafter(0.1, 0.0))).at(0)),
+        ((Fraction(1e-200) ** 2,), (small * small).at(0)),
+        ((Fraction(1e-200) ** 2,), (small.at(np.s_[:, None]) @ small.at(np.s_[:, None])).at((0, 0))),
+        ((Fraction(1e-200) ** 2,), small.scaled(1e-200, 0.0).at(0)),
+    ):
+        off = sum(abs(x - Fraction(y)) for x, y in zip(exact, found.mid.tolist(), strict=False))
+        assert 0 < off <= Fraction(float(found.rest))
 
 
 def geometric(a):
@@ -217,6 +251,11 @@ def test_what_is_beyond_a_degree(n, degree, rho):
     found = float(beyond(np.array([3.0]), n, degree, rho)[0])
     assert 3.0 * exact * (1 - 1e-12) <= found <= 3.0 * exact * 1.1
     assert np.isinf(beyond(np.ones(1), n, degree, 1.01)[0])
+
+
+def test_what_is_beyond_is_not_nothing():
+    """1e-620 is 0 in doubles."""
+    assert beyond(np.ones(1), 1, 30, 1e20)[0] > 0.0
 
 
 @pytest.mark.parametrize("a", [1.5, 3.0])

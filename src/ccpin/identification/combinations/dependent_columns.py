@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import comb
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -15,12 +16,13 @@ from ccpin.validated.arithmetic.ball_arrays import of_balls
 from ccpin.validated.arithmetic.balls import Ball, ball, flint, lower
 from ccpin.validated.arithmetic.chebyshev import bounded
 from ccpin.validated.arithmetic.exact_numbers import centres
-from ccpin.validated.arithmetic.polydisc import evaluated, ring
+from ccpin.validated.arithmetic.polydisc import evaluated
 from ccpin.validated.arithmetic.series import NotInvertibleError
 from ccpin.validated.flow.analytic_branch import AnalyticBranch, branch_over
 from ccpin.validated.flow.start_claim import PRECISION
 
 _OUT = 1.0 + 2.0**-20  # on what is not negative: covers the roundings in computing it, of balls' radii too
+_TERMS = 4000  # of a series at most: roundings of so long sums are covered
 _LEAST = 1e-200  # of a form's size, in its unit: what is 0 is known to 1e-290
 
 
@@ -83,8 +85,9 @@ class DependentColumns(ProvableClaim):
         require(self.columns < self.equations.sizes["P"], "a constant that is none")
         own = self.combinations[:, self.columns] == np.eye(len(self.columns))
         require(own, "combinations that depend on each other")
-        terms = [len(ring(len(self.q), order).exponents) for order in self.orders.tolist()]
+        terms = [comb(len(self.q) + order, order) for order in self.orders.tolist()]
         require(terms == [self.y.shape[1], len(self.points)], "series of other degrees")
+        require(max(terms) <= _TERMS, "more terms than roundings are counted of")
         with flint().ctx.workprec(int(self.precision[0])):
             branch = branch_of(self)
             seen = self._seen(branch)

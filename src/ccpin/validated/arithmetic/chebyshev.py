@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, stacked
+from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, raised, stacked
 from ccpin.validated.arithmetic.polydisc import ring
 
 _OUT = 1.0 + 2.0**-36  # on what is not negative: covers the roundings of sums of up to 100,000 such numbers
@@ -34,7 +34,7 @@ def beyond(bound: Array, n: int, degree: int, rho: float) -> Array:
     kappa = (degree + n + 1) / ((degree + 2) * rho)
     if not kappa < 0.75:
         return np.full_like(bound, np.inf)
-    return np.asarray(bound * (2**n * math.comb(degree + n, n - 1) * rho ** -(degree + 1) / (1.0 - kappa)) * _OUT)
+    return raised(bound * (2**n * math.comb(degree + n, n - 1) * rho ** -(degree + 1) / (1.0 - kappa)))
 
 
 def bounded(values: BallArray, points: Array, degree: int, bound: Array, rho: float) -> Array:
@@ -52,5 +52,5 @@ def between(near: Array, table: BallArray, values: BallArray, rest: Array) -> Ar
     delta = (exactly(np.eye(len(near))) - exactly(near) @ table).size.sum(axis=0).max() * _OUT
     if not delta < 0.5:
         return np.full_like(rest, np.inf)
-    seen = (exactly(near) @ values).size.sum(axis=0) + rest * np.abs(near).sum()
+    seen = (exactly(near) @ values).size.sum(axis=0) + rest * np.abs(near).sum(axis=0).sum()
     return np.asarray((seen / (1.0 - delta) + rest) * _OUT)

@@ -88,7 +88,7 @@ class Analytic(NamedTuple):
         mid = np.add.reduceat(mine * yours, self.ring.starts, axis=-1)
         a, b = self._by_degree, other._beyond
         rest = (a * b).sum(axis=-1) + a.sum(axis=-1) * other.rest + self.rest * other.size
-        rest = rest + (mid.shape[-1] + 2) * _UNIT * self.size * other.size
+        rest = rest + mid.shape[-1] * _UNIT * self.size * other.size
         return Analytic(mid, rest * _OUT + _LEAST, self.ring)
 
     def __matmul__(self, other: Analytic) -> Analytic:
@@ -97,7 +97,7 @@ class Analytic(NamedTuple):
         mid = np.moveaxis(np.add.reduceat(mine @ yours, self.ring.starts, axis=0), 0, -1)
         a, b = self._by_degree, other._beyond
         rest = np.einsum("ikd,kjd->ij", a, b) + a.sum(axis=-1) @ other.rest + self.rest @ other.size
-        terms = mid.shape[-1] * other.mid.shape[0] + 2
+        terms = mid.shape[-1] * other.mid.shape[0]
         rest = rest + terms * _UNIT * (self.size @ other.size)
         return Analytic(mid, rest * _OUT + _LEAST, self.ring)
 
@@ -141,7 +141,10 @@ def stacked(parts: Sequence[Analytic]) -> Analytic:
 
 
 def sine_and_cosine(angle: Analytic) -> tuple[Analytic, Analytic]:
-    """sin(m + u) = sin m cos u + cos m sin u, m the value at 0: of exp's series of u what is left is ‖u‖ᵏ/k! e^‖u‖."""
+    """sin(m + u) = sin m cos u + cos m sin u, m the value at 0, with the series of sin u and cos u up to uᵏ/k!.
+
+    Of each at most ‖u‖ᵏ/k! κ/(1 − κ²) is left, κ = ‖u‖/(k + 1); ∞ for κ ≥ ½.
+    """
     with flint().ctx.workprec(_BITS):
         pair = [float(x.mid()) for x in flint().arb(float(angle.mid[0])).sin_cos()]
     moved = angle._replace(mid=np.concatenate([[0.0], angle.mid[1:]]))
@@ -152,8 +155,8 @@ def sine_and_cosine(angle: Analytic) -> tuple[Analytic, Analytic]:
         term = (term * moved).scaled(1.0 / count, _UNIT)
         waves[count % 2] = waves[count % 2] + term.scaled(1.0 if count % 4 < 2 else -1.0, 0.0)
         bound = bound * size / count * _OUT
-    with np.errstate(all="ignore"):
-        left = np.array(bound * size * np.exp(size) * _OUT)
+    ratio = size / (count + 1)
+    left = bound * ratio / (1.0 - ratio**2) if ratio < 0.5 else np.inf
     cosine, sine = (x._replace(rest=(x.rest + left) * _OUT) for x in waves)
     s, c = pair
     return (
@@ -240,7 +243,7 @@ def evaluated(program: Code, inputs: Analytic, chosen: Sequence[int] = ()) -> Pr
         elif kind == instructions.SOLVE and not width:
             matrix, right = (stacked([stacked([found[x] for x in row]) for row in table]) for table in b)
             found[k] = solution(matrix, right)
-        elif kind == instructions.PART and not width:
+        elif kind == instructions.PART:
             columns = found[a].rest.shape[1]
             found[k] = found[a].at((b // columns, b % columns))
         else:
