@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import svd
 
 from ccpin.arrays import Array, Indices, records
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -88,5 +89,6 @@ def effects(model: ReducedModel, box: Motions, kinds: Sequence[str], seed: int =
     rows = Y[there][..., columns].reshape(-1, len(columns))
     scale = np.sqrt(np.mean(rows**2, axis=0))
     scale[scale <= _ZERO * scale.max()] = 1.0
-    _, size, turned = np.linalg.svd(rows / scale, full_matrices=False)
+    triangle = np.linalg.qr(rows / scale, mode="r")
+    _, size, turned = svd(triangle, full_matrices=False, lapack_driver="gesvd")  # the other one may not converge
     return Effects(columns, scale, turned[size > _FELT * size[0]].T)
