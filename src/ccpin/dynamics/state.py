@@ -271,7 +271,7 @@ class State:
         velocity = self._velocity(v)
         along = velocity if v_r is None else vector(v_r, "v_r", self.model.n)
         given = self.q_free, self.rho, self.rho_dot(velocity), velocity, self._acceleration(a), along
-        return np.asarray(regressor(self.model.mechanism.tree, self.model.free_system, *(x[None] for x in given))[0])
+        return regressor(self.model.mechanism.tree, self.model.free_system, *given)
 
     def energy_regressor(self, v: ArrayLike) -> Array:
         """Y_E, of shape (p,): Y_E π is the energy, kinetic and potential, but for the constant ½ Σ k θ₀² of springs.
