@@ -17,6 +17,7 @@ import argparse
 import json
 import time
 from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -71,32 +72,37 @@ def told(name: str, runs: int, consistently: bool, into: Path | None = None) -> 
     moved = [along(model, each) for each in shown]
     Y_unseen = along(model, unseen).Y
     check(model, moved[0].states, moved[0].Y)
-    lines = [line for line in read(into) if line["model"] == name and (len(line["missed"]) == 3) == consistently]
     print(f"{Path(name).stem}: {len(shown)} × {DURATION:g} s; {shown[0].told}", flush=True)
-    for run in range(len(lines), runs):
-        begin, draw = time.process_time(), np.random.default_rng(run)
+
+    def found_of(draw: np.random.Generator) -> dict[str, Any]:
         truth = another(model, draw)
         found = identify(model, [logged(model, each, each.Y @ truth, draw) for each in moved])
         sets = [found.parameters.values, model.parameters.values]
         sets += [consistent(model, found).values] if consistently else []
         efforts = Y_unseen @ truth
         size = np.sqrt((efforts**2).mean())
-        lines.append(
-            {
-                "model": name,
-                "run": run,
-                "combinations": [each.split()[0] for each in found.combinations],
-                "away": [
-                    np.round(found.multiples @ (each - truth) / found.deviations, 4).tolist() for each in sets[::2]
-                ],
-                "missed": [float(np.sqrt(((Y_unseen @ each - efforts) ** 2).mean()) / size) for each in sets],
-                "s": round(time.process_time() - begin, 3),
-            }
-        )
+        return {
+            "combinations": [each.split()[0] for each in found.combinations],
+            "away": [np.round(found.multiples @ (each - truth) / found.deviations, 4).tolist() for each in sets[::2]],
+            "missed": [float(np.sqrt(((Y_unseen @ each - efforts) ** 2).mean()) / size) for each in sets],
+        }
+
+    print(summary(robots(found_of, runs, into, model=name, consistent=consistently)), flush=True)
+
+
+def robots(
+    found_of: Callable[[np.random.Generator], dict[str, Any]], runs: int, into: Path | None, **told: Any
+) -> list[dict[str, Any]]:
+    """What was found of robots, a line each: of those that a file has, told so, then of others, drawn by number."""
+    lines = [line for line in read(into) if all(line.get(name) == value for name, value in told.items())]
+    for run in range(len(lines), runs):
+        begin = time.process_time()
+        found = found_of(np.random.default_rng(run))
+        lines.append({**told, "run": run, **found, "s": round(time.process_time() - begin, 3)})
         if into is not None:
             with into.open("a") as file:
                 file.write(json.dumps(lines[-1]) + "\n")
-    print(summary(lines), flush=True)
+    return lines
 
 
 def summary(lines: list[dict[str, Any]]) -> str:

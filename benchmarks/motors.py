@@ -12,8 +12,6 @@ was not in the log, with `motors=True`, without, and by the file's constants. `-
 from __future__ import annotations
 
 import argparse
-import json
-import time
 from pathlib import Path
 from typing import Any
 
@@ -45,9 +43,8 @@ def told(name: str, runs: int, effort: float, into: Path | None = None) -> None:
     shown, unseen = bench.motions(model, *bench.MODELS.get(name, (0.15, 2.0, 1)))
     moved, Y = [bench.along(model, each) for each in shown], bench.along(model, unseen).Y
     known = beforehand(model)
-    lines = [line for line in bench.read(into) if (line["model"], line["effort"]) == (name, effort)]
-    for run in range(len(lines), runs):
-        begin, draw = time.process_time(), np.random.default_rng(run)
+
+    def found_of(draw: np.random.Generator) -> dict[str, Any]:
         truth, k = another(model, known, draw), draw.uniform(1.0 - OFF, 1.0 + OFF, model.n)
         logs = [said(bench.logged(model, each, each.Y @ truth, draw, effort), k) for each in moved]
         found, plain = identify(model, logs, prior=known, motors=True), identify(model, logs, prior=known)
@@ -56,22 +53,15 @@ def told(name: str, runs: int, effort: float, into: Path | None = None) -> None:
         slopes = (np.eye(model.n) - np.outer(of_k.values / of_k.values[0], np.eye(model.n)[0]))[1:] / of_k.values[0]
         ratios = (of_k.values / of_k.values[0] - k / k[0])[1:]
         sets = (found.parameters.values, plain.parameters.values, model.parameters.values)
-        lines.append(
-            {
-                "model": name,
-                "effort": effort,
-                "run": run,
-                "k": k.tolist(),
-                "found": of_k.values.tolist(),
-                "deviations": of_k.deviations.tolist(),
-                "ratios": (ratios / np.sqrt(np.diag(slopes @ of_k.covariance @ slopes.T))).tolist(),
-                "missed": [float(np.sqrt(((Y @ each - efforts) ** 2).mean()) / size) for each in sets],
-                "s": round(time.process_time() - begin, 3),
-            }
-        )
-        if into is not None:
-            with into.open("a") as file:
-                file.write(json.dumps(lines[-1]) + "\n")
+        return {
+            "k": k.tolist(),
+            "found": of_k.values.tolist(),
+            "deviations": of_k.deviations.tolist(),
+            "ratios": (ratios / np.sqrt(np.diag(slopes @ of_k.covariance @ slopes.T))).tolist(),
+            "missed": [float(np.sqrt(((Y @ each - efforts) ** 2).mean()) / size) for each in sets],
+        }
+
+    lines = bench.robots(found_of, runs, into, model=name, effort=effort)
     print(f"{Path(name).stem}: {summary(lines)}", flush=True)
 
 

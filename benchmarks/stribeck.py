@@ -2,8 +2,8 @@
 
 Robots, motions and noise are those of `benchmarks.identification`, but that Coulomb's levels of joints of one velocity
 are 5 to 15 % of the efforts' root mean square, breakaway levels 1.3 to 2 times these, and Stribeck speeds a twentieth
-to a fifth of the joints' largest. `identify`
-gets the file's model, which knows of no friction, and the log, once with `stribeck=True` and once without.
+to a fifth of the joints' largest. `identify` gets the file's model, which knows of no friction, and the log, once with
+`stribeck=True` and once without.
 
 Told: of how many joints an effect was told, how many of all 95 % intervals (±1.96 deviations) hold c, s and v_s, how
 many profile intervals hold v_s, and the efforts missed on a motion that was not in the log, over their root mean
@@ -13,15 +13,13 @@ square, with the effect and with Coulomb's friction alone. `--none`: robots with
 from __future__ import annotations
 
 import argparse
-import json
-import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 import ccpin
-from benchmarks.identification import MODELS, along, another, logged, motions, read
+from benchmarks.identification import MODELS, along, another, logged, motions, robots
 from ccpin.identification import identify
 
 LEVEL, HIGHER, SPEED = (0.05, 0.15), (0.3, 1.0), (0.05, 0.2)
@@ -47,9 +45,8 @@ def told(name: str, runs: int, none: bool, into: Path | None = None) -> None:
     (shown,), further = motions(model, *MODELS.get(name, (0.15, 2.0, 1)))
     moved, (_, unseen, states) = along(model, shown), along(model, further)
     columns, later = rubbing(model, joints, moved.Y, moved.states), rubbing(model, joints, unseen, states)
-    lines = [line for line in read(into) if line["model"] == name and line["none"] == none]
-    for run in range(len(lines), runs):
-        begin, draw = time.process_time(), np.random.default_rng(run)
+
+    def found_of(draw: np.random.Generator) -> dict[str, Any]:
         truth = another(model, draw)
         coulomb = np.sqrt(np.mean((moved.Y @ truth) ** 2)) * draw.uniform(*LEVEL, len(joints))
         truth[places(model, joints)] = coulomb
@@ -70,25 +67,16 @@ def told(name: str, runs: int, none: bool, into: Path | None = None) -> None:
         true = np.stack([coulomb, coulomb + more, speeds], axis=1)[at]
         within = (ends[:, 0] <= true[:, 2]) & (true[:, 2] <= ends[:, 1])
         size = np.sqrt((efforts**2).mean())
-        lines.append(
-            {
-                "model": name,
-                "none": none,
-                "run": run,
-                "joints": len(joints),
-                "told": [each.joint for each in own],
-                "away": np.round((levels - true) / deviations, 4).tolist(),
-                "within": within.tolist(),
-                "missed": [
-                    float(np.sqrt(((each - efforts) ** 2).mean()) / size)
-                    for each in (seen, unseen @ plain.parameters.values)
-                ],
-                "s": round(time.process_time() - begin, 3),
-            }
-        )
-        if into is not None:
-            with into.open("a") as file:
-                file.write(json.dumps(lines[-1]) + "\n")
+        both = seen, unseen @ plain.parameters.values
+        return {
+            "joints": len(joints),
+            "told": [each.joint for each in own],
+            "away": np.round((levels - true) / deviations, 4).tolist(),
+            "within": within.tolist(),
+            "missed": [float(np.sqrt(((each - efforts) ** 2).mean()) / size) for each in both],
+        }
+
+    lines = robots(found_of, runs, into, model=name, none=none)
     print(f"{Path(name).stem}: {summary(lines)}", flush=True)
 
 

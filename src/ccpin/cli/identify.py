@@ -19,6 +19,7 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.files import writable_target, write_atomically
 from ccpin.identification.estimates.consistency import consistent
+from ccpin.identification.estimates.estimate import Estimate
 from ccpin.identification.estimates.estimation import identify
 from ccpin.identification.estimates.explained_efforts import told_of_motion
 from ccpin.identification.estimates.stribeck_friction import StribeckFriction
@@ -97,32 +98,7 @@ def _identify(options: argparse.Namespace) -> int:
         write_atomically(writable_target(options.report), "w", lambda file: file.write(page))
         written.append(str(options.report))
     if options.json:
-        rows = zip(estimate.combinations, estimate.values, estimate.deviations, estimate.stated, strict=True)
-        fields = ("combination", "value", "deviation", "stated")
-        found = [dict(zip(fields, (name, *map(float, rest)), strict=True)) for name, *rest in rows]
-        samples = dict(zip(("counted", "left_out"), estimate.samples, strict=True))
-        unseen = [
-            {"where": each.where, "samples": each.samples}
-            | {key: size.tolist() for key in _SIZES if (size := getattr(each, key)) is not None}
-            for each in estimate.held_out
-        ]
-        delays = [
-            each._asdict() | {"deviation": each.deviation if each.deviation < float("inf") else None}
-            for each in estimate.delays
-        ]
-        outliers = [each._asdict() for each in estimate.outliers]
-        friction = [_friction(each) for each in estimate.stribeck]
-        of_k = (estimate.motors.names, estimate.motors.values.tolist(), estimate.motors.deviations.tolist())
-        told_all = {
-            "found": found,
-            "stribeck": friction,
-            "motors": [dict(zip(("motor", "k", "deviation"), each, strict=True)) for each in zip(*of_k, strict=True)],
-            "samples": samples,
-            "outliers": outliers,
-            "held_out": unseen,
-            "delays": delays,
-        }
-        print(json.dumps(told_all | {"written": written}, indent=2))
+        print(json.dumps(_told(estimate) | {"written": written}, indent=2))
         return 0
     print(f"{estimate!r}\n{estimate.table()}")
     for each in estimate.held_out:
@@ -139,6 +115,33 @@ def _identify(options: argparse.Namespace) -> int:
     if options.out:
         print("".join(f"not in the file: {note}\n" for note in notes), end="")
     return 0
+
+
+def _told(estimate: Estimate) -> dict[str, Any]:
+    """As JSON has it."""
+    rows = zip(estimate.combinations, estimate.values, estimate.deviations, estimate.stated, strict=True)
+    fields = ("combination", "value", "deviation", "stated")
+    found = [dict(zip(fields, (name, *map(float, rest)), strict=True)) for name, *rest in rows]
+    samples = dict(zip(("counted", "left_out"), estimate.samples, strict=True))
+    unseen = [
+        {"where": each.where, "samples": each.samples}
+        | {key: size.tolist() for key in _SIZES if (size := getattr(each, key)) is not None}
+        for each in estimate.held_out
+    ]
+    delays = [
+        each._asdict() | {"deviation": each.deviation if each.deviation < float("inf") else None}
+        for each in estimate.delays
+    ]
+    of_k = (estimate.motors.names, estimate.motors.values.tolist(), estimate.motors.deviations.tolist())
+    return {
+        "found": found,
+        "stribeck": [_friction(each) for each in estimate.stribeck],
+        "motors": [dict(zip(("motor", "k", "deviation"), each, strict=True)) for each in zip(*of_k, strict=True)],
+        "samples": samples,
+        "outliers": [each._asdict() for each in estimate.outliers],
+        "held_out": unseen,
+        "delays": delays,
+    }
 
 
 def _friction(found: StribeckFriction) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from ccpin.dynamics.changed_constants import bodies
 from ccpin.dynamics.parameters import BODY, INERTIAL, DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import ConvergenceError, InvalidInputError
-from ccpin.identification.estimates.estimation import Estimate
+from ccpin.identification.estimates.estimate import Estimate
 from ccpin.mechanism.mechanism import Mechanism
 
 _LEAST = 1e-6  # of what is stated: no body that has mass is without

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ccpin.dynamics.parameters import DynamicParameters
-from ccpin.identification.estimates.estimation import Estimate
+from ccpin.identification.estimates.estimate import Estimate
 from ccpin.identification.estimates.explained_efforts import Explained
 from ccpin.identification.estimates.residual_figures import efforts_figure, friction_figure, residuals_figure
 from ccpin.pages.html_page import Section, render

@@ -20,34 +20,30 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import qr
-from scipy.special import gammaincinv
 
-from ccpin.arrays import Array, Indices, instance, positive, records
+from ccpin.arrays import Array, instance, records
 from ccpin.dynamics.changed_constants import with_stribeck_speeds
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import ConvergenceError, InvalidInputError
 from ccpin.identification.estimates.clock_delays import Delay, further_delays, slopes
 from ccpin.identification.estimates.effort_samples import EffortSamples, effort_outliers, samples_of
+from ccpin.identification.estimates.estimate import Estimate
 from ccpin.identification.estimates.felt_combinations import Effects, Motions, checked_kinds, effects
-from ccpin.identification.estimates.held_out import HeldOut, cross_validated, parts_of
+from ccpin.identification.estimates.held_out import cross_validated, parts_of
 from ccpin.identification.estimates.motion_errors import with_motion_errors
 from ccpin.identification.estimates.motor_constants import (
     FittedMotors,
-    MotorConstants,
     StatedMotors,
     asked_motors,
     fitted_motors,
     told_motors,
 )
-from ccpin.identification.estimates.output_error import Refined, refined
 from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit
 from ccpin.identification.estimates.stated_priors import Prior, stated_prior
 from ccpin.identification.estimates.stribeck_friction import (
     NO_SPEEDS,
     FoundSpeeds,
-    StribeckFriction,
     asked_joints,
     stribeck_columns,
     told_friction,
@@ -55,126 +51,13 @@ from ccpin.identification.estimates.stribeck_friction import (
 )
 from ccpin.identification.estimates.stribeck_search import found_speeds
 from ccpin.identification.logs.log import Log
-from ccpin.identification.logs.smoothing import Outlier, Smoothed, smoothed
+from ccpin.identification.logs.smoothing import smoothed
 from ccpin.mechanism.mechanism import Mechanism
 
 _SMOOTHNESS = 0.3  # a third of what serves the motion best: what is cut off peaks of q̈ would come back as constants
 _COUNTS = 1e-9  # of a combination's largest multiple: smaller ones are rounding
 _ALIGNED, _MOST_TURNS = 0.1, 6  # standard deviations of a delay that are not worth another turn; turns
 _FAR = 0.05  # of a log: clocks that are farther apart are no clocks that are late
-
-
-class Estimate(NamedTuple):
-    """What logs tell of a mechanism's constants.
-
-    Attributes:
-        combinations: What can be told, in words: a parameter, and the multiples of others that it cannot be told from.
-        values: Of these, of shape (r,), in the first parameter's unit. stated: what the model says of them, alike.
-        covariance: Of the values, of shape (r, r).
-        multiples: The values as multiples of all p constants, of shape (r, p).
-        parameters: All constants looked at: those nearest the model's (in effect) that agree with the values.
-        effort_noise: Standard deviation of what is left of each row of ρᵀSᵀu, N m or N, of shape (n,).
-        samples: How many counted, and how many were left out because a joint may have stood.
-        outliers: Efforts that were left out, by the motor that explains them best; `off` in deviations of all rows.
-        held_out: What constants found without a part of the samples make of it.
-        delays: How late each log's efforts are.
-        motions: The smoothed logs.
-        effects: How combinations follow from constants.
-        model: The mechanism that the constants are of: as it was given, with the Stribeck speeds that were found.
-        stribeck: What was found of the joints of which Stribeck's friction was asked for.
-        motors: What was found of the motors whose constants were asked for.
-    """
-
-    combinations: tuple[str, ...]
-    values: Array
-    stated: Array
-    covariance: Array
-    multiples: Array
-    parameters: DynamicParameters
-    effort_noise: Array
-    samples: tuple[int, int]
-    outliers: tuple[Outlier, ...]
-    held_out: tuple[HeldOut, ...]
-    delays: tuple[Delay, ...]
-    motions: tuple[Smoothed, ...]
-    effects: Effects
-    model: ReducedModel
-    stribeck: tuple[StribeckFriction, ...]
-    motors: MotorConstants
-
-    def __repr__(self) -> str:
-        used, left = self.samples
-        return f"Estimate({len(self.values)} combinations of constants from {used} samples, {left} left out)"
-
-    @property
-    def deviations(self) -> Array:
-        """Standard deviations of the values, of shape (r,)."""
-        return np.sqrt(np.diag(self.covariance))
-
-    def box(self, confidence: float = 0.95, about: DynamicParameters | None = None) -> tuple[Array, Array]:
-        """Bounds (lower, upper), of shape (p,) each, of constants about the ellipsoid of this confidence.
-
-        Of each combination its first parameter alone varies, so that the combination is its value less to plus √χ²_r
-        deviations: that is how far any of (β − β̂)ᵀ C⁻¹ (β − β̂) ≤ χ²_r goes. As Y knows combinations alone (to what
-        `effects` calls felt), a robot whose combinations are in the ellipsoid moves as one in the box does.
-
-        Args:
-            confidence: Of the ellipsoid, between 0 and 1.
-            about: What all other constants are, those of a law's model; default `parameters`.
-
-        Raises:
-            InvalidInputError: The confidence is not between 0 and 1, or the constants are another mechanism's.
-        """
-        about = self.parameters if about is None else instance(about, "about", DynamicParameters)
-        if about.names != self.parameters.names:
-            raise InvalidInputError("the constants are those of another mechanism")
-        level, radii = positive(confidence, "confidence", "a number between 0 and 1"), np.zeros(len(self.parameters))
-        if level >= 1.0:
-            raise InvalidInputError(f"confidence = {level:g} must be a number between 0 and 1")
-        first = self.effects.columns[pivots(self.effects)]
-        radii[first] = np.sqrt(2.0 * gammaincinv(len(self.values) / 2.0, level)) * self.deviations
-        middle = np.array(about.values)
-        middle[first] += self.values - self.multiples @ about.values
-        return middle - radii, middle + radii
-
-    def refined(
-        self,
-        model: ReducedModel | Mechanism,
-        logs: Log | Iterable[Log],
-        *,
-        geometry: Sequence[str] = (),
-        horizon: float = 0.1,
-    ) -> Refined:
-        """Constants, and lengths, by which motions simulated from here on come nearest to the measured ones.
-
-        Args:
-            model: The mechanism that the estimate is of.
-            logs: Those that it is from.
-            geometry: Numbers of the geometry to find with the constants: ``"origin:JOINT/x"`` and others, as
-                `calibrate` calls them.
-            horizon: How long a simulated motion is, s (`ccpin.identification.estimates.output_error`).
-
-        Raises:
-            InvalidInputError: Other logs, an unknown name, no stretch that is long enough, numbers that the logs do
-                not tell, or an estimate with motors' constants.
-            ConvergenceError: No constants were settled on.
-        """
-        return refined(model, self, logs, geometry, horizon)
-
-    def table(self) -> str:
-        """Each combination, its value, its deviation and what the model states, a line each; then motors and speeds."""
-        rows = zip(self.combinations, self.values, self.deviations, self.stated, strict=True)
-        lines = [f"{value:12.5g} ± {off:9.2g}   stated {said:12.5g}   {name}" for name, value, off, said in rows]
-        told = zip(self.motors.names, self.motors.values, self.motors.deviations, strict=True)
-        lines += [f"{value:12.5g} ± {off:9.2g}   stated {1:12.5g}   motor:{name}" for name, value, off in told]
-        for each in self.stribeck:
-            found = (
-                f"{each.values[2]:12.5g} ± {each.deviations[2]:9.2g}   {each.interval[0]:.4g} … {each.interval[1]:.4g}"
-            )
-            lines.append(
-                f"no Stribeck effect of {each.joint}: {each.reason}" if each.reason else f"{found}   speed:{each.joint}"
-            )
-        return "\n".join(lines)
 
 
 def identify(
@@ -249,15 +132,17 @@ def identify(
             raise ConvergenceError(f"setting the efforts' clocks right does not settle: they seem to be {taken} s late")
     plain = _Fitted(model, samples, found, driven)
     speeds = found_speeds(driven.both, stribeck_columns(model, driven.samples, asked), robust)
-    best = _with_stribeck(given, plain, speeds, (*kinds, "stribeck"), prior, drives, robust) if speeds.speeds else plain
-    delays = _further(best.samples, best.rows, best.fit)
+    best = plain
+    if speeds.speeds:
+        best = _with_stribeck(given, plain, speeds, (*kinds, "stribeck"), prior, drives, robust)
+        delays = _further(best.samples, best.rows, best.fit)
     told = zip(logs, *delays, taken, strict=True)
     late = tuple(Delay(log.source, float(d + own), float(off), float(own)) for log, d, off, own in told)
-    return _estimate(best, plain if speeds.speeds else None, speeds, drives, late)
+    return _estimate(best, plain, speeds, drives, late)
 
 
 class _Fitted(NamedTuple):
-    """A model, samples, what they tell apart, and a fit; ∂τ/∂v_s, or by motors, are its slopes and follow β."""
+    """A model, samples, what they tell apart, and a fit, in which Stribeck speeds and motors' constants follow β."""
 
     model: ReducedModel
     samples: Sequence[EffortSamples]
@@ -340,13 +225,13 @@ def _further(samples: Sequence[EffortSamples], rows: EffortRows, fit: RobustFit)
 
 
 def _estimate(
-    best: _Fitted, plain: _Fitted | None, speeds: FoundSpeeds, drives: StatedMotors, late: tuple[Delay, ...]
+    best: _Fitted, plain: _Fitted, speeds: FoundSpeeds, drives: StatedMotors, late: tuple[Delay, ...]
 ) -> Estimate:
     """Words and values: s₁ + (V₁ᵀ)⁻¹V₂ᵀ s₂ = (V₁ᵀ)⁻¹ β, with s = S π and V₁ the rows of V that pivot."""
-    model, samples, found, (_, rows, _, both, fit, k) = best
+    model, samples, found, (_, rows, both, fit, k) = best
     everything, scale, V = model.parameters, found.scale, found.basis
     r, stated = V.shape[1], everything.values[found.columns]
-    first = pivots(found)
+    first = found.pivots
     turned = np.linalg.inv(V[first].T)
     multiples = np.zeros((r, len(everything)))
     multiples[:, found.columns] = (turned @ V.T) * scale / scale[first][:, None]
@@ -362,7 +247,7 @@ def _estimate(
     counted = np.split(own, np.cumsum([len(each.chosen) for each in samples])[:-1])
     parts = parts_of([each.t[c] for each, c in zip(samples, counted, strict=True)], [each.log for each in late])
     unseen = cross_validated(rows.of(own), fit.deviation, best.stated, missed[own], measured[own], parts)
-    if plain is not None:
+    if plain is not best:
         without = cross_validated(plain.rows.of(own), fit.deviation, plain.stated, missed[own], measured[own], parts)
         unseen = tuple(each._replace(coulomb=other.found) for each, other in zip(unseen, without, strict=True))
     return Estimate(
@@ -386,11 +271,6 @@ def _estimate(
         told_friction(speeds, found, parameters, covariance),
         told_motors(drives, k, covariance, to_values),
     )
-
-
-def pivots(found: Effects) -> Indices:
-    """Which of the columns combinations are written on, of shape (r,)."""
-    return np.sort(qr(found.basis.T, pivoting=True, mode="r")[1][: found.basis.shape[1]])
 
 
 def _words(names: Sequence[str], multiples: Array, first: int) -> str:

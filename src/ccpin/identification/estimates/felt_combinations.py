@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import svd
+from scipy.linalg import qr, svd
 
 from ccpin.arrays import Array, Indices, records
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -42,6 +42,11 @@ class Effects(NamedTuple):
     columns: Indices
     scale: Array
     basis: Array
+
+    @property
+    def pivots(self) -> Indices:
+        """Which of the columns combinations are written on, of shape (r,)."""
+        return np.sort(qr(self.basis.T, pivoting=True, mode="r")[1][: self.basis.shape[1]])
 
     def reduced(self, Y: Array) -> Array:
         """Y S⁻¹ V, stacked: (N, n, p) → (N n, r)."""

@@ -78,14 +78,13 @@ class FittedMotors(NamedTuple):
 
     Attributes:
         samples: Those given, Y as columns say it: M Y.
-        rows: M W β = A u. slopes: Columns beside M W, of shape (N, n, s): those given, then those by k.
-        both: All of this together, with what is known of k. fit: Of these.
+        rows: M W β = A u.
+        both: The same with columns beside M W, those given, then those by k, and what is known of k. fit: Of these.
         k: Of all motors; ``None``: not asked for.
     """
 
     samples: Sequence[EffortSamples]
     rows: EffortRows
-    slopes: Array
     both: EffortRows
     fit: RobustFit
     k: Array | None
@@ -140,11 +139,11 @@ def fitted_motors(
         InvalidInputError: Nothing fixes the scale of constants and motors.
         ConvergenceError: The iteration does not settle.
     """
-    rows, further = rows_of(samples), beside(samples)
-    both = with_columns(rows, further)
+    rows = rows_of(samples)
+    both = with_columns(rows, beside(samples))
     fit = fitted_robustly(both, robust)
     if not asked.names:
-        return FittedMotors(samples, rows, further, both, fit, None)
+        return FittedMotors(samples, rows, both, fit, None)
     A = [each.motion.transmission(model, each.chosen) for each in samples]
     inverse, force = np.linalg.inv(np.concatenate(A)), np.concatenate([each.force for each in samples])
     k, r, own, m = np.ones(model.n), rows.W.shape[2], asked.places, len(asked.names)
@@ -162,7 +161,7 @@ def fitted_motors(
         fit = fitted_robustly(both, robust)
         step, away = fit.beta[-m:], np.linalg.inv(fit.covariance[-m:, -m:])
         if step @ away @ step <= _SETTLED**2 or (np.abs(step) <= _ROUNDING * k[own]).all():
-            return FittedMotors(drawn, rows, slopes, both, fit, k)
+            return FittedMotors(drawn, rows, both, fit, k)
         k[own] = k[own] / np.maximum(1.0 - step / k[own], _LEAST_SHARE)
     raise ConvergenceError(f"motors' constants do not settle: they seem to be {k[own]}")
 

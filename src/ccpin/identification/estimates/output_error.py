@@ -36,7 +36,7 @@ from ccpin.mechanism.mechanism import Mechanism
 from ccpin.programs.recording.constants import Parameter, geometry_of
 
 if TYPE_CHECKING:
-    from ccpin.identification.estimates.estimation import Estimate
+    from ccpin.identification.estimates.estimate import Estimate
 
 _STEP = 1e-6  # m: of central differences in lengths
 _LEAST = 12  # samples of a shot
