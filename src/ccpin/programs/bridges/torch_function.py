@@ -1,12 +1,15 @@
 """Programs as functions of PyTorch's tensors, with an `autograd.Function` of recorded derivatives.
 
-Tensors of a processor are run in lanes; on other devices programs are written out in PyTorch's operations.
+Tensors of a processor are run in lanes, those of a GPU by the kernel of `ccpin.programs.cuda` where CuPy is installed;
+on other devices, and without CuPy, programs are written out in PyTorch's operations.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
+from importlib.util import find_spec
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +18,9 @@ import torch
 from ccpin.errors import InvalidInputError
 from ccpin.programs.bridges.differentiated import STEP, Differentiated, evaluated, lacking, parts_of
 from ccpin.programs.bridges.row_programs import RowProgram, in_order, leading
+from ccpin.programs.cuda import CudaProgram
 from ccpin.programs.program import Program, windows
+from ccpin.programs.sine_cosine import Format
 
 _TORCH = SimpleNamespace(
     sin=torch.sin, cos=torch.cos, sqrt=torch.sqrt, arctan2=torch.atan2, arccos=torch.acos,
@@ -69,16 +74,47 @@ def _kind(tensors: list[Any]) -> Any:
     return kind if kind.is_floating_point else torch.get_default_dtype()
 
 
+_FORMATS: dict[Any, Format] = {torch.float64: "double", torch.float32: "float"}
+
+
 def _runner(program: Program) -> Callable[[Any], list[Any]]:
-    """A program over tensors of one batch, in lanes where they are the processor's."""
+    """A program over tensors of one batch, as their device runs it best."""
     rows = RowProgram(program)
 
+    @cache
+    def on_gpu(index: int, format: Format) -> CudaProgram:
+        import cupy
+
+        with cupy.cuda.Device(index):
+            return CudaProgram(program, format)
+
     def run(tensors: Any) -> list[Any]:
-        if tensors[0].device.type != "cpu":
-            return written_out(program, tensors)
-        return [torch.from_numpy(found) for found in rows(*(tensor.detach().numpy() for tensor in tensors))]
+        device, kind = tensors[0].device, tensors[0].dtype
+        if device.type == "cpu":
+            return [torch.from_numpy(found) for found in rows(*(tensor.detach().numpy() for tensor in tensors))]
+        if device.type == "cuda" and kind in _FORMATS and find_spec("cupy") is not None:
+            return _launched(on_gpu(device.index, _FORMATS[kind]), tensors)
+        return written_out(program, tensors)
 
     return run
+
+
+def _launched(kernel: CudaProgram, tensors: Any) -> list[Any]:
+    """A kernel's outputs at tensors of one batch, on PyTorch's stream, NaN where its status is not 0."""
+    import cupy
+
+    ports, outputs, device = kernel.program.inputs, kernel.program.outputs, tensors[0].device
+    batch = tensors[0].shape[: tensors[0].ndim - len(ports[0].shape)]
+    rows, pairs = math.prod(batch), zip(tensors, ports, strict=True)
+    columns = [tensor.detach().reshape(rows, port.size).T for tensor, port in pairs]
+    stream = torch.cuda.current_stream(device)
+    with cupy.cuda.Device(device.index), cupy.cuda.ExternalStream(stream.cuda_stream):
+        *found, status = map(torch.from_dlpack, kernel(*columns))
+    refused = status != 0
+    return [
+        table.masked_fill_(refused, math.nan).T.reshape(*batch, *port.shape)
+        for table, port in zip(found, outputs, strict=True)
+    ]
 
 
 def _pulled(parts: Differentiated, tables: Any, weights: Any, tensors: Any) -> tuple[Any, ...]:
