@@ -136,9 +136,9 @@ def rows_line(recorded: Recorded) -> str:
     bits = sum(differing(a, cupy.asnumpy(b)[..., :DRAWN].T) for a, b in zip(wanted, found, strict=True))
     host = [np.asfortranarray(each, dtype=kind) for each in given]
     one, all_of = (wall(lambda threads=n: lanes(*host, threads=threads)) for n in (1, os.cpu_count() or 1))
-    gpu, told = timed(lambda: kernel(*columns)), kernel.compiled
+    gpu = timed(lambda: kernel(*columns))
     return (
-        f"{recorded.name:28s}{format:8s}{told.registers:6d}{told.spilled:8d}{bits:8d}{1e6 * gpu / ROWS:12.3f}"
+        f"{recorded.name:28s}{format:8s}{kernel.registers:6d}{kernel.local_bytes:8d}{bits:8d}{1e6 * gpu / ROWS:12.3f}"
         f"{one / gpu:12.0f}{all_of / gpu:12.1f}{seconds:10.1f}"
     )
 
@@ -259,7 +259,7 @@ def main(arguments: list[str] | None = None) -> None:
 
     print(cupy.cuda.runtime.getDeviceProperties(0)["name"].decode(), "beside", os.cpu_count(), "cores")
     words, widths = (
-        ("regs", "spilled", "bits", "ns a row", "of a core", "of all", "built, s"),
+        ("regs", "local", "bits", "ns a row", "of a core", "of all", "built, s"),
         (6, 8, 8, 12, 12, 12, 10),
     )
     heads = zip(words, widths, strict=True)

@@ -20,8 +20,10 @@ from ccpin.programs.c_code import kernel_of, scalar_macros
 from ccpin.programs.program import Port, Program
 from ccpin.programs.sine_cosine import PRECISIONS, Format
 
+_CACHING = 12, 9  # the first version that keeps what it compiled, without its words, where there is a driver
 _OPTIONS = ("--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true", "--std=c++14")
 _PLACES = ("cuda_nvrtc", "cu13", "cu12")  # folders of `nvidia` where wheels put the library
+_LOCAL_BYTES, _REGISTERS = 3, 4  # of CUDA's CUfunction_attribute
 THREADS = 128  # a block
 NAME = "program_many"
 
@@ -100,23 +102,30 @@ def compiled(program: Program, target: str, format: Format = "double") -> Compil
     """
     if not re.fullmatch(r"(sm|compute)_\d{2,3}[af]?", target):
         raise InvalidInputError(f"target {target!r} is neither sm_… (SASS) nor compute_… (PTX)")
-    library, handle = nvrtc(), ctypes.c_void_p()
-    text = source(program, format).encode()
-    _done(library, library.nvrtcCreateProgram(ctypes.byref(handle), text, b"program.cu", 0, None, None), "")
+    library, major, minor = nvrtc(), ctypes.c_int(), ctypes.c_int()
+    _done(library, library.nvrtcVersion(ctypes.byref(major), ctypes.byref(minor)), "")
+    anew = ("--no-cache",) if (major.value, minor.value) >= _CACHING else ()
+    binary, log = _binary(library, source(program, format), target, anew)
+    if target.startswith("compute"):
+        return Compiled(binary, None, None, log)
+    registers, spilled = (re.findall(word, log) for word in (r"Used (\d+) registers", r"(\d+) bytes spill stores"))
+    if not registers:
+        raise CcpinError(f"NVRTC tells no registers: {log[:200]}")
+    return Compiled(binary, int(registers[-1]), sum(map(int, spilled)), log)
+
+
+def _binary(library: ctypes.CDLL, text: str, target: str, further: Sequence[str] = ()) -> tuple[bytes, str]:
+    """PTX or SASS of a text, and NVRTC's words, none where it was compiled before."""
+    handle = ctypes.c_void_p()
+    _done(library, library.nvrtcCreateProgram(ctypes.byref(handle), text.encode(), b"program.cu", 0, None, None), "")
     try:
-        options = [option.encode() for option in (*_OPTIONS, f"--gpu-architecture={target}", "--ptxas-options=-v")]
+        words = (*_OPTIONS, f"--gpu-architecture={target}", "--ptxas-options=-v", *further)
+        options = [word.encode() for word in words]
         array = (ctypes.c_char_p * len(options))(*options)
         code = library.nvrtcCompileProgram(handle, len(options), array)
         log = _text(library, handle, "ProgramLog").decode(errors="replace").strip("\0\n ")
         _done(library, code, log)
-        if target.startswith("compute"):
-            return Compiled(_text(library, handle, "PTX"), None, None, log)
-        registers, spilled = (
-            re.findall(pattern, log) for pattern in (r"Used (\d+) registers", r"(\d+) bytes spill stores")
-        )
-        if not registers:
-            raise CcpinError(f"NVRTC tells no registers: {log[:200]}")
-        return Compiled(_text(library, handle, "CUBIN"), int(registers[-1]), sum(map(int, spilled)), log)
+        return _text(library, handle, "PTX" if target.startswith("compute") else "CUBIN"), log
     finally:
         library.nvrtcDestroyProgram(ctypes.byref(handle))
 
@@ -159,14 +168,15 @@ class CudaProgram:
     """A program on the GPU that CuPy has chosen.
 
     Inputs and outputs are CuPy's arrays, or whatever gives its memory by DLPack, of shape (entries, N): one column a
-    state. Not run where this package is tested, for want of a GPU: what is tested is its SASS and its arithmetic.
+    state. NVRTC since 12.9 keeps what it compiled for the next process.
 
     Args:
         program: The program.
         format: Of its arithmetic and of all arrays.
 
     Attributes:
-        compiled: What NVRTC made of it.
+        registers: Of a thread.
+        local_bytes: Of a thread's own memory: what has no register, and what arrays take that are not in any.
 
     Raises:
         CcpinError: CuPy, NVRTC or a GPU is not there.
@@ -182,11 +192,14 @@ class CudaProgram:
             capability = cupy.cuda.Device().compute_capability
         except cupy.cuda.runtime.CUDARuntimeError as error:
             raise CcpinError(f"there is no GPU: {error}") from None
-        self.compiled = compiled(program, f"sm_{capability}", format)
+        binary, _ = _binary(nvrtc(), source(program, format), f"sm_{capability}")
         self._type = cupy.float64 if format == "double" else cupy.float32
         module = cupy.cuda.function.Module()
-        module.load(self.compiled.binary)
+        module.load(binary)
         self._run = module.get_function(NAME)
+        attribute = cupy.cuda.driver.funcGetAttribute
+        self.registers = int(attribute(_REGISTERS, self._run.ptr))
+        self.local_bytes = int(attribute(_LOCAL_BYTES, self._run.ptr))
 
     def __call__(self, *inputs: Any) -> tuple[Any, ...]:
         """The outputs, each of shape (entries, N), and the status, (N,).
