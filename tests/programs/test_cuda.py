@@ -66,6 +66,30 @@ def test_the_body_gives_the_lanes_bits(program, format, tmp_path):
     np.testing.assert_array_equal(status, wanted_status)
 
 
+@pytest.mark.parametrize("format", ["double", "float"])
+def test_a_gpu_gives_the_lanes_bits(program, format):
+    """All of them, refused states too, and PyTorch's tensors there give those of a processor."""
+    cupy = pytest.importorskip("cupy", reason="a GPU's arrays are CuPy's")
+    try:
+        kernel = cuda.CudaProgram(program, format)
+    except CcpinError as error:
+        pytest.skip(str(error))
+    lanes, ends = CompiledProgram(program, format), np.cumsum([port.size for port in program.inputs])[:-1]
+    rows = np.array(program.example) + 0.05 * np.random.default_rng(0).normal(size=(1000, len(program.example)))
+    inputs = [np.ascontiguousarray(part, dtype=lanes._type) for part in np.split(rows, ends, axis=1)]
+    inputs[0][7] = np.nan
+    for found, wanted in zip(kernel(*(cupy.asarray(part.T) for part in inputs)), lanes(*inputs), strict=True):
+        np.testing.assert_array_equal(cupy.asnumpy(found).T, wanted)
+    assert kernel.registers <= 255
+    with pytest.raises(InvalidInputError, match="must be"):
+        kernel(*(cupy.asarray(part) for part in inputs))
+    torch = pytest.importorskip("torch", reason="PyTorch's tensors are handed over")
+    function = programs.as_function(program, "torch")
+    tensors = [torch.tensor(part) for part in inputs]
+    on_gpu = function(*(tensor.cuda() for tensor in tensors))["forward_dynamics"].cpu()
+    np.testing.assert_array_equal(on_gpu.numpy(), function(*tensors)["forward_dynamics"].numpy())
+
+
 @pytest.fixture
 def there():
     """Skip where NVRTC is not installed."""

@@ -16,6 +16,10 @@ from ccpin.errors import InvalidInputError
 from ccpin.programs import lanes
 from ccpin.programs.compiling import NoCompilerError, compiler
 from ccpin.programs.lanes import CompiledProgram, InNumPy, Width, width
+from ccpin.programs.program import Port, Program
+from ccpin.programs.same_bits import c_answers
+from ccpin.programs.sine_cosine import PRECISIONS
+from ccpin.programs.tape import Tape
 
 try:
     compiler()
@@ -102,6 +106,18 @@ def test_a_state_that_divides_by_nothing_is_refused():
     flat = np.zeros_like(y)
     _, status = CompiledProgram(program)(np.tile(q, (3, 1)), np.array([y, flat, y]))
     assert list(status) == [0, program(q=q, y=flat).status, 0]
+
+
+@pytest.mark.parametrize(("format", "most"), [("double", 1e-6), ("float", 2.0**-16)])
+def test_a_correction_counts_as_small_up_to_its_bound(format, most):
+    """Status 2 beyond the program's tolerance, or the format's rounding where that is more, in lanes and in NumPy."""
+    tape, port = Tape(1), Port("x", (1,), "rad", ("x",))
+    code = tape.code([tape.inputs[0] * 2])
+    told = Program("twice", (port,), (port._replace(name="y"),), code, corrections=(0,), tolerance=1e-6)
+    x = most * np.array([[0.999], [1.001], [-0.999], [-1.001], [np.nan]])
+    _, status = CompiledProgram(told, format)(x)
+    assert list(status) == [0, 2, 0, 2, 2]
+    assert list(c_answers(told, x, PRECISIONS[format]).status) == list(status)
 
 
 def test_wrong_inputs(program, inputs):

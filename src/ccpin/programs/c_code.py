@@ -174,7 +174,7 @@ class _Writer:
         lines += ["const I large = ok;"]
         if program.corrections:
             squares = " + ".join(f"{self._kept(k, slots)} * {self._kept(k, slots)}" for k in program.corrections)
-            lines.append(f"ok &= ABOVE({self._literal(program.tolerance**2)}, {squares});")
+            lines.append(f"ok &= ABOVE({self._literal(self._precision.converged(program.tolerance) ** 2)}, {squares});")
         lines += [f"out[{k}] = {self._kept(number, slots)};" for k, number in enumerate(self._code.outputs)]
         lines += ["(void)x;", "(void)out;", *self._status()]
         return _function(f"static inline I {self._name}_kernel(const R x[], R out[])", lines)

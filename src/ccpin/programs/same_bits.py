@@ -59,7 +59,7 @@ def c_answers(program: Program, inputs: NDArray[Any], precision: Precision) -> B
             low = precision.type((SMALL_PIVOT * pivot.scale) ** 2)
             divides |= ~(values[pivot.number] * values[pivot.number] > low)
         moved = sum(values[number] * values[number] for number in program.corrections)
-        stays = moved < precision.type(program.tolerance**2) if program.corrections else True
+        stays = moved < precision.type(precision.converged(program.tolerance) ** 2) if program.corrections else True
     outputs = np.empty((len(rows), len(code.outputs)), dtype=precision.type)
     for k, number in enumerate(code.outputs):
         outputs[:, k] = values[number]

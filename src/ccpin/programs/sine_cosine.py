@@ -29,6 +29,7 @@ class Precision(NamedTuple):
         cosine: Coefficients of r⁴, r⁶, … after 1 − r²/2.
         reach: |x| up to which the bound holds.
         error: The bound of the absolute error.
+        settled: A correction δ of σ whose δ^{3/2}, which it leaves, is rounding.
     """
 
     name: str
@@ -39,6 +40,11 @@ class Precision(NamedTuple):
     cosine: tuple[float, ...]
     reach: float
     error: float
+    settled: float
+
+    def converged(self, tolerance: float) -> float:
+        """Up to which length of its last correction σ counts as found: below rounding there is nothing to ask for."""
+        return max(tolerance, self.settled)
 
     @property
     def type(self) -> type[np.floating[Any]]:
@@ -73,6 +79,7 @@ DOUBLE = Precision(
     ),
     1e5,
     2.3e-16,
+    2.0**-35,
 )
 FLOAT = Precision(
     "float",
@@ -95,6 +102,7 @@ FLOAT = Precision(
     ),
     1e3,
     1.23e-7,
+    2.0**-16,
 )
 PRECISIONS: dict[str, Precision] = {"double": DOUBLE, "float": FLOAT}
 

@@ -18,6 +18,7 @@ from ccpin.mechanism.mechanism import Mechanism
 from ccpin.programs.certified_region import CertifiedRegion
 from ccpin.programs.program import SMALL_PIVOT, Port, Program, windows
 from ccpin.programs.recordings import record
+from ccpin.programs.sine_cosine import PRECISIONS
 from ccpin.proof.facts import Fact, is_fact, prove
 from ccpin.proof.verdict import Judged, Verdict, not_known_of
 from ccpin.validated.programs.branch_claim import BranchOverCells
@@ -161,7 +162,8 @@ class ProgramCertificate(Judged):
         found, least = self._fact(format).found, {each.name: each.least for each in FORMATS}[format]
         due = np.array([max(SMALL_PIVOT * abs(pivot.scale), math.sqrt(least)) for pivot in self.program.pivots])
         large = np.all(found["pivots"] > 2.0 * due)
-        near = found["correction"][0] <= 0.9 * self.program.tolerance or not self.program.corrections
+        most = PRECISIONS[format].converged(self.program.tolerance)
+        near = found["correction"][0] <= 0.9 * most or not self.program.corrections
         return [0, *([] if large else [1]), *([] if near else [2])]
 
     def _fact(self, format: str) -> Fact:
