@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+import ccpin
+from ccpin.description import Part, combine, read_description
 from ccpin.errors import ConvergenceError
 from tests.oracles import rpdr as oracle
 
@@ -25,6 +27,7 @@ from ccpin.validated.flow.step import (  # noqa: E402
 )
 from ccpin.validated.model.closed_loop import recorded_loop  # noqa: E402
 from tests.support.enclosures import FREE, MarchedField, balls, numbers, started  # noqa: E402
+from tests.support.geared import geared  # noqa: E402
 from tests.support.paper import START  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("precise")
@@ -103,6 +106,18 @@ def test_exact_start(rpdr_model):
         np.testing.assert_allclose(np.angle(np.exp(1j * (numbers(box) - expected))), 0.0, rtol=0, atol=1e-14)
         assert max(float(x.rad()) for x in box) < 1e-35
         assert all(phi.contains(0) for phi in values(loop.closure, [*box, *balls([0.0, 0.0])]))
+
+
+def test_a_coupling_leaves_the_loops_beside_it_sharp():
+    """Gears tell their wheel exactly, and the five-bar's angles beside them are as small as the precision, too."""
+    gears = geared([((0.0, 1.0),), ((0.0, -2.0),)], ["revolute"] * 2, [0.0, 0.0]).description
+    model = ccpin.ReducedModel(
+        ccpin.load(combine("both", {"bar_": Part(read_description("rpdr")), "gear_": Part(gears)}))
+    )
+    loop, start = recorded_loop(model, None).equations, model.at(model.alpha(model.mechanism.q_reference)).q_free
+    assert len(loop.dependent) == 3
+    box = closed_start(loop, balls(start[list(loop.independent)]), start)
+    assert max(float(x.rad()) for x in box) < 1e-35
 
 
 def test_a_start_that_cannot_be_closed_is_refused(rpdr_model):

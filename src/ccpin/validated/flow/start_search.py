@@ -97,9 +97,12 @@ def unique_there(loop: ClosedLoopEquations, q: Sequence[Ball], box: Sequence[Bal
 def _sharpened(
     loop: ClosedLoopEquations, q: Sequence[Ball], y: Sequence[Ball], proven: list[Ball], known: list[float]
 ) -> list[float]:
-    """Radii for which Krawczyk's operator still maps into itself: of its own image, inflated, while that shrinks it."""
+    """Radii for which Krawczyk's operator still maps into itself: of its own image, inflated, while that shrinks it.
+
+    A coordinate whose image is a point, as a coupling makes it, keeps a square of its radius: nothing is inside of 0.
+    """
     for _ in range(_NEWTON_STEPS):
-        radius = [0.5 * upper(abs(b - c)) for b, c in zip(proven, y, strict=True)]
+        radius = [max(0.5 * upper(abs(b - c)), r * r) for b, c, r in zip(proven, y, known, strict=True)]
         image = krawczyk(loop, q, y, [ball(r) for r in radius])
         if image is None:
             return known
