@@ -150,13 +150,13 @@ def of_arm(told, *more):
 
 def test_an_arm():
     """S6RRRRRR10's 38, for gravity of any direction."""
-    assert of_arm(base_of(beside_a_loop(published.arm()), box=None, states=12)) == 38
+    assert of_arm(base_of(beside_a_loop(published.arm()), box=None)) == 38
 
 
 @pytest.mark.slow
 def test_an_arm_that_stands_upright():
     """36 where gravity is along the first axis, 40 with rotors: the first two joints' turn as their bodies do."""
-    told = base_of(beside_a_loop(published.arm()), (0.0, 0.0, -9.81), box=None, states=60)
+    told = base_of(beside_a_loop(published.arm()), (0.0, 0.0, -9.81), box=None)
     assert (of_arm(told), of_arm(told, "armature")) == (36, 40)
 
 
@@ -174,4 +174,4 @@ def test_arms_of_files(path, count):
     """A UR has 36 of 60, a Panda 43 of 70 (its fingers held)."""
     described = beside_a_loop(read_description(ROBOTS[0] / path))
     fingers = [joint.name for joint in described.joints if "finger_joint" in joint.name]
-    assert of_arm(base_parameters(ccpin.load(described, locked=fingers), box=None, states=60)) == count
+    assert of_arm(base_parameters(ccpin.load(described, locked=fingers), box=None)) == count

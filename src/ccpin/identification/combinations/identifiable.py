@@ -28,6 +28,7 @@ from ccpin.validated.flow.start_search import proved_start
 
 _SPREAD = 0.3  # rad or m about the reference, of states that are tried; halved until they can be closed
 _SEED = 20011
+_MOST_STATES = 64  # that are tried by default
 _ROUNDED = 1e-9  # of a combination of length 1: nearer to others, and it is they that numbers' rounding keeps apart
 _TINY = 1e-13  # of a pivot: what is smaller may be there by rounding of a file's numbers alone, and is not counted
 _SHOWN = 1e-12  # of a coefficient in words
@@ -124,7 +125,8 @@ def base_parameters(
         forces: Closures and couplings whose constraint forces (all their λ) are measured besides the motors' efforts:
             a rod's axial force, what a ball joint carries.
         base: Whether the wrench between the ground and all that stands on it is measured, as a force plate does.
-        states: How many closed states are tried; default half as many again as have to suffice.
+        states: How many closed states are tried; default half as many again as have to suffice where all of a state's
+            forms differ, and twice as many as long as the last one still shows something new, up to 64.
         precision: In bits, of the arithmetic.
         box: Half-width (rad, m) of a box about the reference over which what structure does not show is to be proved
             to 1e-12, of three degrees of freedom at most; it is halved until it can be. ``None``: not asked.
@@ -133,6 +135,7 @@ def base_parameters(
         InvalidInputError: No mechanism is given, numbers that are none, or a closure that is none.
         UnsupportedMechanismError: λ is asked for where closures repeat one another: motion does not decide it.
         ConvergenceError: No closed state near the reference is proved.
+        NotProvedError: The precision does not suffice for a state's rates.
         CcpinError: python-flint is not installed.
     """
     model, bits = model_of(mechanism), whole(precision, "precision", 53)
@@ -171,9 +174,15 @@ def _bounds(
         combinations = shown.found["combinations"][0]
         hidden = [int(np.flatnonzero(row)[-1]) for row in combinations]
         columns = np.setdiff1d(np.arange(equations.sizes["P"]), hidden)
-        closed = _closed_states(model, equations, own, states or _enough(len(columns), equations), bits)
-        forms = stacked_forms(equations, closed)
-        rows, free = _independent(forms, columns.tolist(), bits)
+        count = states or _enough(len(columns), equations)
+        while True:
+            closed = _closed_states(model, equations, own, count, bits)
+            forms = stacked_forms(equations, closed)
+            rows, free = _independent(forms, columns.tolist(), bits)
+            last = len(forms) - len(forms) // len(closed)
+            if states is not None or count >= _MOST_STATES or max(rows, default=0) < last:
+                break
+            count = min(2 * count, _MOST_STATES)
         apart, others = np.sort(np.array(free, dtype=np.int64)), np.setdiff1d(columns, free)
         regrouped = combinations_of(forms, apart, others) if box is not None and len(others) else None
     independent = prove(
