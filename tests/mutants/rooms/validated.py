@@ -354,8 +354,8 @@ ROOMS: tuple[Room, ...] = (
             ("slopes[:size] = zero + np.eye", "without zero", "0 and 1 as numbers do as well"),
             ("found[k] = [narrowed(*entry)", "left out", "narrows what holds as it is"),
             (
-                "elif item.kind != instructions.PART and",
-                "not asked: item.kind != instructions.PART",
+                "elif item.kind != Kind.PART and",
+                "not asked: item.kind != Kind.PART",
                 "narrowed again, from the same",
             ),
             ("inverses[matrix] = known", "left out", "found again where it is needed"),

@@ -10,7 +10,7 @@ from ccpin.arrays import choice
 from ccpin.errors import InvalidInputError
 from ccpin.programs.evaluation import values_of
 from ccpin.programs.folding import DOUBLES, folded
-from ccpin.programs.instructions import CONSTANT
+from ccpin.programs.instructions import Kind
 from ccpin.programs.program import SMALL_PIVOT, Port, Program, windows
 
 STEP = "step_by_q"  # the tangent step that a change of q's numbers is, where q̇ is not their rate
@@ -83,7 +83,7 @@ def evaluated(program: Program, columns: Sequence[Any], module: Any) -> tuple[li
     code = folded(program.code._replace(outputs=(*shown, *watched)), DOUBLES)
     values = values_of(code, columns, module)
     trusted = module.true
-    constant = {item.target for item in code.instructions if item.kind == CONSTANT}
+    constant = {item.target for item in code.instructions if item.kind == Kind.CONSTANT}
     for pivot in program.pivots:
         if pivot.number not in constant:
             trusted = module.both(trusted, module.abs(values[pivot.number]) > SMALL_PIVOT * pivot.scale)
