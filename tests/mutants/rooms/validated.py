@@ -328,7 +328,7 @@ ROOMS: tuple[Room, ...] = (
         (*_PROGRAMS, _TAPES),
         (
             ("if shareable and key", "not asked: shareable", "what is not shared is not kept"),
-            ("(item.kind != ANGLE or is_zero", "not asked: is_zero(slopes[item.b])", "0 all the same, only later"),
+            ("(item.kind != Kind.ANGLE or is_zero", "not asked: is_zero(slopes[item.b])", "0 all the same, only later"),
             ("not isinstance(value, Node) and", "not asked: not isinstance", "a node equals no number"),
         ),
     ),
