@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, numbers
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.files import write_atomically
+from ccpin.files import write_text
 from ccpin.programs.certified_region import OUTSIDE, CertifiedRegion, region_of
 from ccpin.programs.evaluation import values_of
 from ccpin.programs.instructions import Code, Instruction, Kind
@@ -208,7 +208,7 @@ class Program:
 
     def save(self, path: str | Path) -> None:
         """Write it as JSON, with its digest; `load` reads it again."""
-        write_atomically(path, "w", lambda file: file.write(self.text))
+        write_text(path, self.text)
 
     @property
     def text(self) -> str:
