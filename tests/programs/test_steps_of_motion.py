@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import ccpin
 from ccpin import Simulator, programs
 from ccpin.errors import InvalidInputError
 from ccpin.programs.compiling import NoCompilerError
@@ -11,12 +10,6 @@ from ccpin.programs.lanes import CompiledProgram
 from ccpin.programs.recording.recorded_mechanism import numbering
 
 TIME = 0.08  # s
-
-
-@pytest.fixture(scope="module")
-def model():
-    """The five-bar."""
-    return ccpin.ReducedModel(ccpin.load("rpdr"))
 
 
 @pytest.fixture(scope="module")
