@@ -22,7 +22,6 @@ from tests.support.straight import arm, circles, problem_by_hand, straight, whol
 U = 2.0**-53
 LINE, ARM = straight([[1.0]]), Closures(arm().system)
 QUARTERS = {"cut": (0,) * 7, "child": (1, 3, 5, -1, -1, -1, -1)}
-ENDED = [k >= 3 for k in range(7)]
 
 
 def excluded(equations=LINE, lower=(0.0,), upper=(1.0,), cut=(0, 0, 0), child=(1, -1, -1), kept=(), **others):

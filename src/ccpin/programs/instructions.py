@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 
@@ -66,3 +66,19 @@ class Code(NamedTuple):
     inputs: int
     instructions: tuple[Instruction, ...]
     outputs: tuple[int, ...]
+
+    @property
+    def read(self) -> set[int]:
+        """Numbers of all values that are operands or outputs."""
+        return {number for item in self.instructions for number in item.operands} | set(self.outputs)
+
+
+def ancestors(stack: list[int], operands: Callable[[int], Sequence[int]]) -> set[int]:
+    """Numbers of values and of all that they depend on, by what each is computed of."""
+    found = set[int]()
+    while stack:
+        number = stack.pop()
+        if number not in found:
+            found.add(number)
+            stack.extend(operands(number))
+    return found

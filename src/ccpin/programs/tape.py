@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ccpin.programs.instructions import Code, Instruction, Kind, LinearSystem
+from ccpin.programs.instructions import Code, Instruction, Kind, LinearSystem, ancestors
 
 Expression = Any  # a Node, or a constant: int or Fraction
 
@@ -135,7 +135,12 @@ class Tape:
         """
         slopes: dict[int, Any] = {}
         opaque = {Kind.SOLVE, Kind.PART} if held else set[int]()
-        for number in sorted(self._ancestors([e.index for e in expressions if isinstance(e, Node)], opaque)):
+
+        def operands(number: int) -> Sequence[int]:
+            item = self.instructions[number]
+            return () if item.kind in opaque else item.operands
+
+        for number in sorted(ancestors([e.index for e in expressions if isinstance(e, Node)], operands)):
             item = self.instructions[number]
             slopes[number] = 0 if item.kind in opaque else self._slope(item, slopes, direction)
         return [slopes[e.index] if isinstance(e, Node) else 0 for e in expressions]
@@ -150,20 +155,10 @@ class Tape:
     def code(self, outputs: Sequence[Expression], also: Sequence[Expression] = ()) -> Code:
         """The instructions that outputs need, and those of values that are `also` to exist."""
         numbers = tuple(self.node(output).index for output in outputs)
-        needed = self._ancestors([*numbers, *(self.node(value).index for value in also)], set())
+        asked = [*numbers, *(self.node(value).index for value in also)]
+        needed = ancestors(asked, lambda number: self.instructions[number].operands)
         kept = tuple(item for item in self.instructions if item.target in needed and item.kind != Kind.INPUT)
         return Code(len(self.instructions), len(self.inputs), kept, numbers)
-
-    def _ancestors(self, stack: list[int], opaque: set[int]) -> set[int]:
-        """What values depend on, themselves included, not looking behind instructions of opaque kinds."""
-        found = set[int]()
-        while stack:
-            number = stack.pop()
-            if number not in found:
-                found.add(number)
-                item = self.instructions[number]
-                stack.extend(() if item.kind in opaque else item.operands)
-        return found
 
     def _slope(self, item: Instruction, slopes: dict[int, Any], direction: dict[int, Expression]) -> Any:
         if item.kind == Kind.INPUT:
