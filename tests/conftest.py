@@ -31,6 +31,12 @@ def rpdr_model(rpdr):
 
 
 @pytest.fixture(scope="session")
+def model(rpdr_model):
+    """The model of files that make none of their own."""
+    return rpdr_model
+
+
+@pytest.fixture(scope="session")
 def rpdr_curves(rpdr):
     """All its singular curves over a region that holds one of each kind."""
     return ccpin.domain.certify_singularities(rpdr, CURVED)

@@ -196,6 +196,34 @@ def matrix(value: ArrayLike, name: str, shape: tuple[int, int]) -> Array:
     return _checked(value, name, shape)
 
 
+def one_each(value: ArrayLike, name: str, count: int, *, positive: bool = False) -> Array:
+    """Return numbers of at least zero (positive ones), one for each or one for all, as a copy of shape (count,).
+
+    Raises:
+        InvalidInputError: They are not that.
+    """
+    array = numbers(value, name)
+    fit = np.isfinite(array) & (array > 0.0 if positive else array >= 0.0)
+    if array.shape not in ((), (count,)) or not fit.all():
+        what = "positive number" if positive else "number, 0 or more,"
+        raise InvalidInputError(f"{name} must be a {what} or {count} of them; it is {value!r:.80}")
+    return np.array(np.broadcast_to(array, (count,)))
+
+
+def corners(value: object, name: str, size: int) -> tuple[Array, Array]:
+    """Return the lower and the upper numbers of a box, of the given size each.
+
+    Raises:
+        InvalidInputError: They are not that, or a lower one is not below the upper one.
+    """
+    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or len(value) != 2:
+        raise InvalidInputError(f"{name} must be lower and upper numbers")
+    lower, upper = (vector(end, f"{name}[{k}]", size) for k, end in enumerate(value))
+    if not np.all(lower < upper):
+        raise InvalidInputError(f"{name}: every lower number must be below the upper one")
+    return lower, upper
+
+
 def matrix_rows(value: ArrayLike, name: str, columns: int) -> Array:
     """Return finite float64 vectors of the given size, one a row, of shape (N, columns).
 

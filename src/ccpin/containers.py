@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.files import write_atomically
+from ccpin.files import write_atomically, write_text
 
 NamedArrays = dict[str, NDArray[Any]]
 _DTYPES = ("float64", "int64", "int8", "bool", "uint8")
@@ -54,7 +54,7 @@ def write(path: str | Path, header: Mapping[str, Any], arrays: Mapping[str, Any]
     """
     if Path(path).suffix == ".json":
         text = _as_json(_stamped(header, arrays), arrays)
-        write_atomically(path, "w", lambda file: file.write(text))
+        write_text(path, text)
     else:
         write_atomically(path, "wb", lambda file: write_npz(file, header, arrays))
 

@@ -89,6 +89,11 @@ def write_atomically(path: str | Path, mode: str, write: Callable[[IO[Any]], obj
         raise InvalidInputError(f"cannot write '{target}': {error}") from None
 
 
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file whole or not at all; as `write_atomically`."""
+    write_atomically(path, "w", lambda file: file.write(text))
+
+
 def _is_special(target: Path) -> bool:
     """Whether something is there that is no regular file."""
     return target.exists() and not target.is_file()

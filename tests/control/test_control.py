@@ -11,11 +11,6 @@ from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechani
 from tests.support.paper import GOAL, K_P, K_V
 
 
-@pytest.fixture(scope="module")
-def model() -> ccpin.ReducedModel:
-    return ccpin.ReducedModel(ccpin.load("rpdr"))
-
-
 def test_simple_gravity_is_equation_28(model):
     """u = K_p q̃ − K_v q̇ + g(q_d)."""
     law = PDSimpleGravity(model, GOAL, [11.0, 9.0], K_V)

@@ -15,11 +15,6 @@ PAPER_ORDER = [0, 2, 1, 3]
 
 
 @pytest.fixture(scope="module")
-def model():
-    return ccpin.ReducedModel(ccpin.load("rpdr"))
-
-
-@pytest.fixture(scope="module")
 def reference(model):
     return PointToPoint(model, START, GOAL, 0.4)
 

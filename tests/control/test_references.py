@@ -22,11 +22,6 @@ WAYPOINTS = np.array([START, *np.radians([[-120.0, -140.0], [-110.0, -115.0]]), 
 
 
 @pytest.fixture(scope="module")
-def model():
-    return ccpin.ReducedModel(ccpin.load("rpdr"))
-
-
-@pytest.fixture(scope="module")
 def on_circles():
     """The RPDR with joints that turn for ever: q holds (cosine, sine) pairs."""
     description = ccpin.load("rpdr").description

@@ -12,11 +12,6 @@ from tests.oracles import rpdr
 from tests.support.walkthrough import file
 
 
-@pytest.fixture(scope="module")
-def model() -> ccpin.ReducedModel:
-    return ccpin.ReducedModel(ccpin.load("rpdr"))
-
-
 def _by_number(model, q_free):
     pin_model = model.mechanism.pin_model
     return np.array([q_free[pin_model.idx_qs[pin_model.getJointId(f"joint{i}")]] for i in (1, 2, 3, 4)])

@@ -15,6 +15,7 @@ from ccpin.identification import AdaptiveTracking, certify_adaptive
 from ccpin.identification.adaptive.adaptive_certificate import equations_of
 from ccpin.identification.adaptive.adaptive_equations import AdaptiveEquations, _definite
 from ccpin.proof.facts import Fact, NotProvedError, prove
+from tests.support.refusals import refused
 
 CELLS = 12
 MOVE = np.array([0.02, -0.03])
@@ -52,11 +53,6 @@ def own():
 def tighter():
     """The fact about the same reference's cells with a larger box and so larger rooms."""
     return certify_adaptive(law_of(bounds=0.12), cells=CELLS).proved
-
-
-def refused(make, *premises):
-    with pytest.raises(NotProvedError):
-        prove(make(), *premises)
 
 
 MISSHAPEN = {

@@ -86,7 +86,7 @@ def test_poses_for_pairs_of_angles():
         ({"count": 0}, "count"),
         ({"count": 2}, "too few"),
         ({"count": 500}, "are wanted"),
-        ({"within": ([0.0, 0.0], [0.0, 1.0])}, "above"),
+        ({"within": ([0.0, 0.0], [0.0, 1.0])}, "below"),
         ({"within": ([0.0, 0.0],)}, "within"),
         ({"within": 3}, "within"),
         ({"measure": ["tracker"]}, "measure"),

@@ -3,18 +3,12 @@
 import numpy as np
 import pytest
 
-import ccpin
 from ccpin.errors import InvalidInputError
 from ccpin.identification import excitation
 from ccpin.identification.estimates.felt_combinations import Motions, effects, kinds_of
 from tests.support.random_motions import least_of_random
 
 DURATION, SPEED, EFFORT = 4.0, 3.0, 1.0
-
-
-@pytest.fixture(scope="module")
-def model():
-    return ccpin.ReducedModel(ccpin.load("rpdr"))
 
 
 @pytest.fixture(scope="module")

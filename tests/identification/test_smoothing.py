@@ -28,11 +28,6 @@ T = np.arange(0.0, 1.0, 2.5e-3)
 
 
 @pytest.fixture(scope="module")
-def model():
-    return ccpin.ReducedModel(ccpin.load("rpdr"))
-
-
-@pytest.fixture(scope="module")
 def motion(model):
     w, size = 2 * np.pi * np.array([1.1, 1.7]), np.array([0.25, 0.2])
     middle = model.alpha(model.mechanism.q_reference)

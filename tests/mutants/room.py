@@ -10,15 +10,16 @@ class Room(NamedTuple):
 
     Attributes:
         module: As ``proof/newton``.
-        places: Its functions, methods (``Class.method``) and constants that are changed.
-        tests: Files or tests under tests/ that are to notice it.
+        tests: Files or tests under tests/ that are to notice a change.
         sharpness: (a fragment of a source line, of what is changed there, the reason why it need not be noticed).
+        places: Its functions, methods (``Class.method``) and constants that are changed; none named: all that are not
+            excused and that no other room of the module names.
     """
 
     module: str
-    places: tuple[str, ...]
     tests: tuple[str, ...]
     sharpness: tuple[tuple[str, str, str], ...] = ()
+    places: tuple[str, ...] = ()
 
 
 class Excused(NamedTuple):

@@ -16,7 +16,7 @@ from ccpin.errors import CcpinError
 from ccpin.programs import compiling
 from ccpin.programs.certified_region import CertifiedRegion
 from ccpin.programs.compiling import DIGEST, LIBRARY, NoCompilerError, compiler
-from ccpin.programs.instructions import SCALE
+from ccpin.programs.instructions import Kind
 from ccpin.programs.lanes import CompiledProgram, Width, _made_of, source
 from ccpin.programs.program import Port
 
@@ -221,7 +221,7 @@ def test_two_processes_at_once(program, tmp_path):
 def test_all_that_decides_the_text_decides_the_library(program, tmp_path):
     """A constant, an order, a check, a format or a width of its own: another library; a loaded program has the same."""
     n = program.code.inputs
-    first = next(item for item in program.code.instructions if item.kind == SCALE)
+    first = next(item for item in program.code.instructions if item.kind == Kind.SCALE)
     changed = tuple(
         item._replace(constant=-item.constant) if item is first else item for item in program.code.instructions
     )

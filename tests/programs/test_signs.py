@@ -3,7 +3,7 @@
 import numpy as np
 
 from ccpin.programs.evaluation import values_of
-from ccpin.programs.instructions import SCALE
+from ccpin.programs.instructions import Kind
 from ccpin.programs.signs import unsigned
 from ccpin.programs.tape import Tape
 
@@ -46,7 +46,9 @@ def test_the_same_numbers_to_the_bit():
             np.testing.assert_array_equal(before[a], after[b])
         for a, b in zip(kept, numbers, strict=True):
             np.testing.assert_array_equal(np.abs(before[a]), np.abs(after[b]))
-        minus = [sum(item.kind == SCALE and item.constant < 0 for item in each.instructions) for each in (code, found)]
+        minus = [
+            sum(item.kind == Kind.SCALE and item.constant < 0 for item in each.instructions) for each in (code, found)
+        ]
         fewer += minus[0] - minus[1]
         assert len(found.instructions) <= len(code.instructions) + len(code.outputs)
     assert fewer > 100
@@ -58,4 +60,4 @@ def test_nothing_is_left_of_a_product_of_negatives():
     a, b, c = tape.inputs
     found, _ = unsigned(tape.code([(-a) * (-b) - (-c)]))
     assert len(found.instructions) == 2
-    assert not any(item.kind == SCALE for item in found.instructions)
+    assert not any(item.kind == Kind.SCALE for item in found.instructions)

@@ -14,12 +14,6 @@ TIME = 0.08  # s
 
 
 @pytest.fixture(scope="module")
-def model():
-    """The five-bar."""
-    return ccpin.ReducedModel(ccpin.load("rpdr"))
-
-
-@pytest.fixture(scope="module")
 def step(model):
     """Its step."""
     return programs.record(model, "step")

@@ -8,7 +8,7 @@ import pytest
 
 from ccpin.programs.evaluation import values_of
 from ccpin.programs.folding import Arithmetic, folded
-from ccpin.programs.instructions import CONSTANT, MULTIPLY, RECIPROCAL, ROOT, SCALE, SOLVE
+from ccpin.programs.instructions import Kind
 from ccpin.programs.lowering import lowered
 from ccpin.programs.tape import Node, Tape, is_zero
 
@@ -148,11 +148,11 @@ def test_constants_are_exact_where_they_are_rational():
             tape.gain(tape.root(Fraction(1, 2))),
         ]
     )
-    assert ROOT in {item.kind for item in code.instructions}
+    assert Kind.ROOT in {item.kind for item in code.instructions}
     plain = folded(code, Arithmetic(float, math.sqrt, lambda a: 1 / a, math.atan2))
     kinds = {item.kind for item in plain.instructions}
-    assert not kinds & {ROOT, RECIPROCAL, MULTIPLY}
-    assert {SCALE, CONSTANT} <= kinds
+    assert not kinds & {Kind.ROOT, Kind.RECIPROCAL, Kind.MULTIPLY}
+    assert {Kind.SCALE, Kind.CONSTANT} <= kinds
     values = values_of(plain, [2.0], np)
     found = [values[number] for number in plain.outputs]
     root = 3**0.5
@@ -185,10 +185,10 @@ def test_sparse_systems_are_solved(symmetric):
             matrix[c, r] = node
     right = np.array(tape.inputs[len(places) :], dtype=object)[:, None]
     code = tape.code(tape.solve(matrix, right).ravel())
-    assert SOLVE in {item.kind for item in code.instructions}
+    assert Kind.SOLVE in {item.kind for item in code.instructions}
     samples = rng.normal(size=(20, code.inputs)) + 0.5
     done = lowered(code, samples)
-    assert SOLVE not in {item.kind for item in done.code.instructions}
+    assert Kind.SOLVE not in {item.kind for item in done.code.instructions}
     assert len(done.pivots) == 6
     for sample in samples[:5]:
         A = np.zeros((6, 6))

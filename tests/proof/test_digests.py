@@ -32,11 +32,6 @@ REGION = (np.array([-1.65, -1.85]), np.array([-1.5, -1.65]))
 
 
 @pytest.fixture(scope="module")
-def rpdr():
-    return ccpin.load("rpdr")
-
-
-@pytest.fixture(scope="module")
 def others(rpdr):
     """The same names and sizes: a rod 1 mm longer, other masses, another gravity; as models."""
     longer = scaled(rpdr.description, lengths={"link3": 1.0 + 1e-3 / 0.3048})

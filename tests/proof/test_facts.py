@@ -24,6 +24,7 @@ from ccpin.proof.equations import Closures, closures_of
 from ccpin.proof.facts import _KINDS, Fact, NotProvedError, ProvableClaim, Unproved, known, provable, prove, prove_some
 from ccpin.proof.paths import follows
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes
+from tests.support.refusals import refused
 
 SEED = np.radians([-90.0, -90.0])
 REGION = (np.radians([-115.0, -115.0]), np.radians([-65.0, -65.0]))
@@ -56,12 +57,6 @@ def parts_of(atlas):
     cover = atlas.proved.cover
     boxes = tuple(fact for fact in cover.premises if type(fact.claim) is SolutionsInBoxes)
     return cover, boxes, tuple(fact for fact in cover.premises if fact not in boxes)
-
-
-def refused(make, *premises):
-    """That no fact comes of a claim, or of what should have been one."""
-    with pytest.raises(NotProvedError):
-        prove(make(), *premises)
 
 
 # What a fact is.

@@ -6,17 +6,12 @@ import numpy as np
 import pytest
 
 from ccpin.proof import narrowing
-from ccpin.proof.equations import Problem
 from ccpin.proof.narrowing import Candidates, narrowed
 from ccpin.proof.rounding import blur
-from tests.support.straight import straight
+from tests.support.straight import problem_by_hand, straight
 
 PLANE = straight([[1.0], [2.0]])
 SHARE, SLACK = 1e-12, 1 + 1e-10
-
-
-def problem_of(equations):
-    return Problem(equations.system, equations.stack, None)
 
 
 def candidates(centre, half, slopes=((0.0,), (0.0,))):
@@ -66,7 +61,7 @@ def test_each_coordinate_is_narrowed_by_every_row(rows, size):
         D = np.eye(3)
         D[1:, :1] = lean
         low, high = stated(phi[0], slope[0] @ D, h, E)
-        found = narrowed(problem_of(PLANE), candidates([[0.5, 1.0, -1.0]], h, lean))
+        found = narrowed(problem_by_hand(PLANE), candidates([[0.5, 1.0, -1.0]], h, lean))
         if np.any(low > high):
             assert not len(found.cell)
             continue
@@ -89,10 +84,10 @@ def test_a_box_with_a_row_that_is_nowhere_zero_is_gone(rows, row):
         phi = np.zeros((1, 2))
         phi[0, row] = much
         rows(phi, slope, np.array([0.25, 0.25]))
-        found = narrowed(problem_of(PLANE), candidates([[0.0, 0.0, 0.0]], [1.0, 0.5, 1.0]))
+        found = narrowed(problem_by_hand(PLANE), candidates([[0.0, 0.0, 0.0]], [1.0, 0.5, 1.0]))
         assert len(found.cell) == (not gone)
     rows(0.76 * np.eye(2)[[row]], 0.0 * slope, np.array([0.75, 0.75]))
-    assert not len(narrowed(problem_of(PLANE), candidates([[0.0, 0.0, 0.0]], [1.0, 0.5, 1.0])).cell)
+    assert not len(narrowed(problem_by_hand(PLANE), candidates([[0.0, 0.0, 0.0]], [1.0, 0.5, 1.0])).cell)
 
 
 def test_what_two_rows_leave_of_a_coordinate_is_what_both_do(rows):
@@ -100,22 +95,24 @@ def test_what_two_rows_leave_of_a_coordinate_is_what_both_do(rows):
     slope = np.zeros((1, 2, 3))
     slope[0, :, 1] = 1.0
     rows(np.array([[-0.3, -0.8]]), slope, np.array([0.3, 0.3]))
-    found = narrowed(problem_of(PLANE), candidates([[0.0, 0.0, 0.0]], [1.0, 1.0, 1.0]))
+    found = narrowed(problem_by_hand(PLANE), candidates([[0.0, 0.0, 0.0]], [1.0, 1.0, 1.0]))
     np.testing.assert_allclose(found.centre[0, 1] + np.array([-1, 1]) * found.half[0, 1], [0.5, 0.6], rtol=1e-9)
     rows(np.array([[-0.3, -0.8]]), slope, np.array([0.2, 0.2]))
-    assert not len(narrowed(problem_of(PLANE), candidates([[0.0, 0.0, 0.0]], [1.0, 1.0, 1.0])).cell)
+    assert not len(narrowed(problem_by_hand(PLANE), candidates([[0.0, 0.0, 0.0]], [1.0, 1.0, 1.0])).cell)
 
 
 def test_real_lines_are_kept():
     """y = (1, 2)q in both ways: corners that are solutions stay in what is left."""
     for inverse in (False, True):
         boxes = candidates([[0.25, 0.35, 0.45]], [0.25, 1.0, 1.0])
-        found = narrowed(problem_of(PLANE), boxes, inverse)
+        found = narrowed(problem_by_hand(PLANE), boxes, inverse)
         for q in (0.0, 0.25, 0.5):
             off = np.array([q, 2 * q]) - found.centre[0, 1:] - found.slopes[0, :, 0] * (q - 0.25)
             assert np.all(np.abs(off) <= found.half[0, 1:])
         assert np.all(found.half[0, 1:] < 0.6)
-        assert not len(narrowed(problem_of(PLANE), candidates([[0.25, 1.8, 0.45]], [0.25, 1.0, 1.0]), inverse).cell)
+        assert not len(
+            narrowed(problem_by_hand(PLANE), candidates([[0.25, 1.8, 0.45]], [0.25, 1.0, 1.0]), inverse).cell
+        )
 
 
 @pytest.mark.parametrize(
@@ -131,7 +128,7 @@ def test_regular_boxes_are_dropped_where_that_is_asked(monkeypatch, kappa, gone)
 
     monkeypatch.setattr(narrowing, "weights_for", weights_for)
     boxes = candidates(2 * [[0.0, 0.0, 0.0]], 2 * [[0.25, 1.0, 1.0]])
-    found = narrowed(problem_of(PLANE), boxes, inverse=True, regular=np.array([True, False]))
+    found = narrowed(problem_by_hand(PLANE), boxes, inverse=True, regular=np.array([True, False]))
     assert found.cell.tolist() == ([1] if gone else [0, 1])
     assert seen[0].shape == (1, 2)
     assert not seen[0].any()
@@ -141,7 +138,7 @@ def test_boxes_that_lean_hold_what_they_held():
     """|S′ − S|h wider, where that is at most twice as wide; where it is more they stay."""
     boxes = candidates(2 * [[0.0, 0.0, 0.0]], [[0.5, 1.0, 1.0], [0.5, 1.0, 0.1]], [[1.0], [0.0]])
     slopes = np.array([[[2.5], [-1.0]], [[2.5], [-1.0]]])
-    found = narrowing._leaning(problem_of(PLANE), boxes, slopes)
+    found = narrowing._leaning(problem_by_hand(PLANE), boxes, slopes)
     np.testing.assert_allclose(found.half, [[0.5, 1.75, 1.5], [0.5, 1.0, 0.1]], rtol=2e-10)
     assert np.all(found.half[0, 1:] >= [1.75, 1.5])
     assert found.slopes.tolist() == [[[2.5], [-1.0]], [[1.0], [0.0]]]
@@ -150,9 +147,9 @@ def test_boxes_that_lean_hold_what_they_held():
 def test_what_is_not_narrowed_stays_as_it_is():
     boxes = candidates([[0.0, 0.5, 0.5]], [[0.5, 1.0, 2.0]])
     half = boxes.half
-    found = narrowing._within(problem_of(PLANE), boxes, -half, np.array([[0.5, 1.0, 1.0]]))
+    found = narrowing._within(problem_by_hand(PLANE), boxes, -half, np.array([[0.5, 1.0, 1.0]]))
     assert found.half[0, :2].tolist() == [0.5, 1.0]
     assert found.centre[0].tolist() == [0.0, 0.5, 0.0]
     np.testing.assert_allclose(found.half[0, 2], 1.5 + blur(np.zeros(1))[0], rtol=1e-15)
-    tiny = narrowing._within(problem_of(PLANE), boxes, 0.0 * half, 0.0 * half)
+    tiny = narrowing._within(problem_by_hand(PLANE), boxes, 0.0 * half, 0.0 * half)
     np.testing.assert_allclose(tiny.half[0, 1:], 2.0**-51 * 1.5, rtol=1e-12)

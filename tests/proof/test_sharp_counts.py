@@ -19,14 +19,10 @@ from ccpin.proof.ranges import NO_LIMIT, Ranges, Reason
 from ccpin.proof.rounding import SLACK
 from ccpin.proof.solution_counts import CompleteCells, CountedCells, alone_over, different, own_solutions, same, within
 from ccpin.proof.solutions import SolutionsInBoxes
-from tests.support.straight import at_points, boxes_about, circles, straight
+from tests.support.straight import at_points, boxes_about, circles, straight, whole_numbers
 
 U, TURN = 2.0**-53, 2.0 * np.pi
 LINE, CIRCLE = straight([[1.0]]), circles()
-
-
-def whole_numbers(*values):
-    return np.array(values, dtype=np.int64)
 
 
 def problem_of(m, periodic=False):

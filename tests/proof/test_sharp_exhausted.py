@@ -17,16 +17,11 @@ from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import NO_LIMIT, proved_ranges
 from ccpin.work import Stopped, stoppable
 from tests.support.made_up import made_up
-from tests.support.straight import arm, circles, problem_by_hand, straight
+from tests.support.straight import arm, circles, problem_by_hand, straight, whole_numbers
 
 U = 2.0**-53
 LINE, ARM = straight([[1.0]]), Closures(arm().system)
 QUARTERS = {"cut": (0,) * 7, "child": (1, 3, 5, -1, -1, -1, -1)}
-ENDED = [k >= 3 for k in range(7)]
-
-
-def whole_numbers(*values):
-    return np.array(values, dtype=np.int64)
 
 
 def excluded(equations=LINE, lower=(0.0,), upper=(1.0,), cut=(0, 0, 0), child=(1, -1, -1), kept=(), **others):

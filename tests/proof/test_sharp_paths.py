@@ -11,14 +11,10 @@ from ccpin.proof.facts import NotProvedError, prove, prove_some
 from ccpin.proof.newton import reached
 from ccpin.proof.paths import Followed, follows
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes
-from tests.support.straight import at_points, boxes_about, straight
+from tests.support.straight import at_points, boxes_about, straight, whole_numbers
 
 U = 2.0**-53
 LINE = straight([[1.0]])
-
-
-def whole_numbers(*values):
-    return np.array(values, dtype=np.int64)
 
 
 def boxes_along(middles, along, half=0.5, far=5.0, equations=LINE):

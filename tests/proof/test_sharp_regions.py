@@ -12,14 +12,10 @@ from ccpin.proof.covers import RegionCover, over_region
 from ccpin.proof.demanded import Demanded
 from ccpin.proof.facts import NotProvedError, prove
 from ccpin.proof.solutions import GluedBoxes, Met, SolutionsInBoxes
-from tests.support.straight import at_points, boxes_about, circles, straight
+from tests.support.straight import at_points, boxes_about, circles, straight, whole_numbers
 
 U = 2.0**-53
 LINE, PLANE = straight([[1.0]]), straight([[1.0, 1.0]])
-
-
-def whole_numbers(*values):
-    return np.array(values, dtype=np.int64)
 
 
 def fact_of(equations, centre, half, slope=((1.0,),), radius=0.1):

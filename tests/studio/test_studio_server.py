@@ -17,16 +17,10 @@ from urllib.parse import urlsplit
 
 import pytest
 
-import ccpin
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.studio import studio
 
 websockets = pytest.importorskip("tornado.websocket")
-
-
-@pytest.fixture(scope="module")
-def rpdr():
-    return ccpin.load("rpdr")
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from fractions import Fraction
 import flint
 import numpy as np
 
-from ccpin.programs import instructions as kinds
+from ccpin.programs.instructions import Kind
 
 BITS = 200
 
@@ -28,17 +28,17 @@ def exact_values(code, inputs):
     """All outputs at inputs (balls or doubles), in balls: every kind of instruction without solves, written anew."""
     values = dict(enumerate(x if isinstance(x, flint.arb) else ball_of(float(x)) for x in inputs))
     does = {
-        kinds.ADD: lambda i: values[i.a] + values[i.b],
-        kinds.SUBTRACT: lambda i: values[i.a] - values[i.b],
-        kinds.MULTIPLY: lambda i: values[i.a] * values[i.b],
-        kinds.SCALE: lambda i: ball_of(i.constant) * values[i.a],
-        kinds.CONSTANT: lambda i: ball_of(i.constant),
-        kinds.SINE: lambda i: values[i.a].sin(),
-        kinds.COSINE: lambda i: values[i.a].cos(),
-        kinds.RECIPROCAL: lambda i: 1 / values[i.a],
-        kinds.ROOT: lambda i: values[i.a].sqrt(),
-        kinds.ANGLE: lambda i: flint.arb.atan2(values[i.a], values[i.b]),
-        kinds.GAIN: lambda i: exact_gain(values[i.a], i.b),
+        Kind.ADD: lambda i: values[i.a] + values[i.b],
+        Kind.SUBTRACT: lambda i: values[i.a] - values[i.b],
+        Kind.MULTIPLY: lambda i: values[i.a] * values[i.b],
+        Kind.SCALE: lambda i: ball_of(i.constant) * values[i.a],
+        Kind.CONSTANT: lambda i: ball_of(i.constant),
+        Kind.SINE: lambda i: values[i.a].sin(),
+        Kind.COSINE: lambda i: values[i.a].cos(),
+        Kind.RECIPROCAL: lambda i: 1 / values[i.a],
+        Kind.ROOT: lambda i: values[i.a].sqrt(),
+        Kind.ANGLE: lambda i: flint.arb.atan2(values[i.a], values[i.b]),
+        Kind.GAIN: lambda i: exact_gain(values[i.a], i.b),
     }
     for item in code.instructions:
         values[item.target] = does[item.kind](item)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin import programs
-from ccpin.programs import instructions as kinds
+from ccpin.programs.instructions import Instruction, Kind
 from ccpin.programs.program import Port, windows
 from ccpin.programs.program_sources import assembled
 from ccpin.programs.sine_cosine import PRECISIONS, Format
@@ -26,9 +26,9 @@ BITS = 113  # of __float128
 PARTS = 3  # doubles that hold one
 COMPILER, FLAGS = "gcc", ("-std=gnu99", "-O1", "-ffp-contract=off", "-fPIC", "-shared")
 OPERATIONS = {
-    kinds.ADD: "t[{a}] + t[{b}]", kinds.SUBTRACT: "t[{a}] - t[{b}]", kinds.MULTIPLY: "t[{a}] * t[{b}]",
-    kinds.SCALE: "{c} * t[{a}]", kinds.CONSTANT: "{c}", kinds.SINE: "sinq(t[{a}])", kinds.COSINE: "cosq(t[{a}])",
-    kinds.RECIPROCAL: "1 / t[{a}]", kinds.ROOT: "sqrtq(t[{a}])", kinds.ANGLE: "atan2q(t[{a}], t[{b}])",
+    Kind.ADD: "t[{a}] + t[{b}]", Kind.SUBTRACT: "t[{a}] - t[{b}]", Kind.MULTIPLY: "t[{a}] * t[{b}]",
+    Kind.SCALE: "{c} * t[{a}]", Kind.CONSTANT: "{c}", Kind.SINE: "sinq(t[{a}])", Kind.COSINE: "cosq(t[{a}])",
+    Kind.RECIPROCAL: "1 / t[{a}]", Kind.ROOT: "sqrtq(t[{a}])", Kind.ANGLE: "atan2q(t[{a}], t[{b}])",
 }  # fmt: skip
 TEXT = """#include <quadmath.h>
 #include "{name}.h"
@@ -102,7 +102,7 @@ def literal(value: Fraction) -> str:
     return f"({'-' if rounded < 0 else ''}0x{abs(rounded):x}p{exponent}Q)"
 
 
-def _written(item: kinds.Instruction) -> str:
+def _written(item: Instruction) -> str:
     constant = "" if item.constant is None else literal(item.constant)
     return OPERATIONS[item.kind].format(a=item.a, b=item.b, c=constant)
 

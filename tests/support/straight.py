@@ -76,6 +76,11 @@ def problem_by_hand(equations):
     return Problem(equations.system, equations.stack, None)
 
 
+def whole_numbers(*values):
+    """As claims have them."""
+    return np.array(values, dtype=np.int64)
+
+
 def at_points(boxes):
     """The boxes without parameters."""
     count, size = boxes.centre.shape

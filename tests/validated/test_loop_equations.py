@@ -8,21 +8,7 @@ import pytest
 
 pytest.importorskip("flint")
 
-from ccpin.programs.instructions import (
-    ADD,
-    CONSTANT,
-    COSINE,
-    GAIN,
-    MULTIPLY,
-    PART,
-    SCALE,
-    SINE,
-    SOLVE,
-    SUBTRACT,
-    Code,
-    Instruction,
-    LinearSystem,
-)
+from ccpin.programs.instructions import Code, Instruction, Kind, LinearSystem
 from ccpin.programs.tape import Tape
 from ccpin.proof.facts import NotProvedError
 from ccpin.validated.arithmetic.balls import ball, flint
@@ -48,13 +34,19 @@ SYSTEM = LinearSystem(((0, 1), (1, 0)), ((0,), (1,)))
 GOOD = {
     "nothing": program(outputs=()),
     "inputs": program(outputs=(0, 1)),
-    "sums and products": program((ADD, 2, 0, 1), (SUBTRACT, 3, 2, 0), (MULTIPLY, 8, 3, 3), outputs=(8, 3)),
-    "constants": program((CONSTANT, 2, None, None, ONE), (SCALE, 3, 2, None, ONE), outputs=(3,)),
-    "a sine and its cosine": program((SINE, 2, 0, 3), (COSINE, 3, 0, 2), outputs=(2,)),
-    "two pairs": program((SINE, 2, 0, 3), (COSINE, 3, 0, 2), (SINE, 4, 2, 5), (COSINE, 5, 2, 4), outputs=(5,)),
-    "a gain": program((GAIN, 2, 0, 0), (GAIN, 3, 0, 2), outputs=(2,)),
-    "a solution": program((SOLVE, 2, None, SYSTEM), (PART, 3, 2, 0), (PART, 4, 2, 1), outputs=(4,)),
-    "of two columns": program((SOLVE, 2, None, SYSTEM._replace(right=((0, 1), (1, 0)))), (PART, 3, 2, 3), outputs=(3,)),
+    "sums and products": program(
+        (Kind.ADD, 2, 0, 1), (Kind.SUBTRACT, 3, 2, 0), (Kind.MULTIPLY, 8, 3, 3), outputs=(8, 3)
+    ),
+    "constants": program((Kind.CONSTANT, 2, None, None, ONE), (Kind.SCALE, 3, 2, None, ONE), outputs=(3,)),
+    "a sine and its cosine": program((Kind.SINE, 2, 0, 3), (Kind.COSINE, 3, 0, 2), outputs=(2,)),
+    "two pairs": program(
+        (Kind.SINE, 2, 0, 3), (Kind.COSINE, 3, 0, 2), (Kind.SINE, 4, 2, 5), (Kind.COSINE, 5, 2, 4), outputs=(5,)
+    ),
+    "a gain": program((Kind.GAIN, 2, 0, 0), (Kind.GAIN, 3, 0, 2), outputs=(2,)),
+    "a solution": program((Kind.SOLVE, 2, None, SYSTEM), (Kind.PART, 3, 2, 0), (Kind.PART, 4, 2, 1), outputs=(4,)),
+    "of two columns": program(
+        (Kind.SOLVE, 2, None, SYSTEM._replace(right=((0, 1), (1, 0)))), (Kind.PART, 3, 2, 3), outputs=(3,)
+    ),
 }
 BAD = {
     "no program": None,
@@ -62,50 +54,50 @@ BAD = {
     "other inputs": program(inputs=1),
     "instructions in a list": program()._replace(instructions=[]),
     "outputs in a list": program(outputs=[0]),
-    "no instruction": program()._replace(instructions=((ADD, 2, 0, 1, None),)),
+    "no instruction": program()._replace(instructions=((Kind.ADD, 2, 0, 1, None),)),
     "an output that is not there": program(outputs=(2,)),
     "a negative output": program(outputs=(-1,)),
     "an output that is no number": program(outputs=(True,)),
-    "an input defined again": program((ADD, 1, 0, 0)),
-    "a value defined twice": program((ADD, 2, 0, 0), (ADD, 2, 0, 1)),
-    "a value out of range": program((ADD, 9, 0, 0)),
-    "a value that is no number": program((ADD, 2.0, 0, 0)),
-    "a value of a system": program((SOLVE, 2, None, SYSTEM), (ADD, 2, 0, 1)),
-    "a system twice": program((SOLVE, 2, None, SYSTEM), (SOLVE, 2, None, SYSTEM)),
-    "an operand that comes later": program((ADD, 2, 0, 3), (ADD, 3, 0, 0)),
-    "a first operand that comes later": program((MULTIPLY, 2, 3, 0), (ADD, 3, 0, 0)),
-    "itself": program((SUBTRACT, 2, 2, 0)),
-    "an operand that is no number": program((ADD, 2, 0, 1.0)),
-    "a system as an operand": program((SOLVE, 2, None, SYSTEM), (ADD, 3, 2, 0)),
-    "a system as an output": program((SOLVE, 2, None, SYSTEM), outputs=(2,)),
-    "no constant": program((CONSTANT, 2)),
-    "a double as a constant": program((CONSTANT, 2, None, None, 1.0)),
-    "a factor without end": program((SCALE, 2, 0, None, flint().arb(0, float("inf")))),
-    "a factor that is no number": program((SCALE, 2, 0, None, flint().arb("nan"))),
-    "a multiple of nothing": program((SCALE, 2, 3, None, ONE)),
-    "a sine alone": program((SINE, 2, 0, 3), (ADD, 3, 0, 0)),
-    "a sine of something else": program((SINE, 2, 0, 3), (COSINE, 3, 1, 2)),
-    "a cosine of another sine": program((SINE, 2, 0, 3), (COSINE, 3, 0, 4), (SINE, 4, 0, 3)),
-    "a sine of nothing": program((SINE, 2, 4, 3), (COSINE, 3, 4, 2)),
-    "two sines": program((SINE, 2, 0, 3), (SINE, 3, 0, 2)),
-    "a negative derivative": program((GAIN, 2, 0, -1)),
-    "half a derivative": program((GAIN, 2, 0, 0.5)),
-    "a gain of nothing": program((GAIN, 2, 3, 0)),
-    "a part of nothing": program((PART, 2, 0, 0)),
-    "a part too far": program((SOLVE, 2, None, SYSTEM), (PART, 3, 2, 2)),
-    "a part before the first": program((SOLVE, 2, None, SYSTEM), (PART, 3, 2, -1)),
-    "half a part": program((SOLVE, 2, None, SYSTEM), (PART, 3, 2, 0.5)),
-    "a part of no number": program((SOLVE, 2, None, SYSTEM), (PART, 3, 2.0, 0)),
-    "no system": program((SOLVE, 2, None, tuple(SYSTEM))),
-    "an empty system": program((SOLVE, 2, None, LinearSystem((), ()))),
-    "no square matrix": program((SOLVE, 2, None, SYSTEM._replace(matrix=((0, 1), (1,))))),
-    "a wide matrix": program((SOLVE, 2, None, LinearSystem(((0, 1),), ((0,),)))),
-    "rows that are missing": program((SOLVE, 2, None, SYSTEM._replace(right=((0,),)))),
-    "rows of several lengths": program((SOLVE, 2, None, SYSTEM._replace(right=((0,), (0, 1))))),
-    "a row in a list": program((SOLVE, 2, None, SYSTEM._replace(matrix=((0, 1), [1, 0])))),
-    "a matrix in a list": program((SOLVE, 2, None, SYSTEM._replace(matrix=[(0, 1), (1, 0)]))),
-    "an entry that is not there": program((SOLVE, 2, None, SYSTEM._replace(matrix=((0, 1), (1, 3))))),
-    "an entry that is not there, right": program((SOLVE, 2, None, SYSTEM._replace(right=((0,), (5,))))),
+    "an input defined again": program((Kind.ADD, 1, 0, 0)),
+    "a value defined twice": program((Kind.ADD, 2, 0, 0), (Kind.ADD, 2, 0, 1)),
+    "a value out of range": program((Kind.ADD, 9, 0, 0)),
+    "a value that is no number": program((Kind.ADD, 2.0, 0, 0)),
+    "a value of a system": program((Kind.SOLVE, 2, None, SYSTEM), (Kind.ADD, 2, 0, 1)),
+    "a system twice": program((Kind.SOLVE, 2, None, SYSTEM), (Kind.SOLVE, 2, None, SYSTEM)),
+    "an operand that comes later": program((Kind.ADD, 2, 0, 3), (Kind.ADD, 3, 0, 0)),
+    "a first operand that comes later": program((Kind.MULTIPLY, 2, 3, 0), (Kind.ADD, 3, 0, 0)),
+    "itself": program((Kind.SUBTRACT, 2, 2, 0)),
+    "an operand that is no number": program((Kind.ADD, 2, 0, 1.0)),
+    "a system as an operand": program((Kind.SOLVE, 2, None, SYSTEM), (Kind.ADD, 3, 2, 0)),
+    "a system as an output": program((Kind.SOLVE, 2, None, SYSTEM), outputs=(2,)),
+    "no constant": program((Kind.CONSTANT, 2)),
+    "a double as a constant": program((Kind.CONSTANT, 2, None, None, 1.0)),
+    "a factor without end": program((Kind.SCALE, 2, 0, None, flint().arb(0, float("inf")))),
+    "a factor that is no number": program((Kind.SCALE, 2, 0, None, flint().arb("nan"))),
+    "a multiple of nothing": program((Kind.SCALE, 2, 3, None, ONE)),
+    "a sine alone": program((Kind.SINE, 2, 0, 3), (Kind.ADD, 3, 0, 0)),
+    "a sine of something else": program((Kind.SINE, 2, 0, 3), (Kind.COSINE, 3, 1, 2)),
+    "a cosine of another sine": program((Kind.SINE, 2, 0, 3), (Kind.COSINE, 3, 0, 4), (Kind.SINE, 4, 0, 3)),
+    "a sine of nothing": program((Kind.SINE, 2, 4, 3), (Kind.COSINE, 3, 4, 2)),
+    "two sines": program((Kind.SINE, 2, 0, 3), (Kind.SINE, 3, 0, 2)),
+    "a negative derivative": program((Kind.GAIN, 2, 0, -1)),
+    "half a derivative": program((Kind.GAIN, 2, 0, 0.5)),
+    "a gain of nothing": program((Kind.GAIN, 2, 3, 0)),
+    "a part of nothing": program((Kind.PART, 2, 0, 0)),
+    "a part too far": program((Kind.SOLVE, 2, None, SYSTEM), (Kind.PART, 3, 2, 2)),
+    "a part before the first": program((Kind.SOLVE, 2, None, SYSTEM), (Kind.PART, 3, 2, -1)),
+    "half a part": program((Kind.SOLVE, 2, None, SYSTEM), (Kind.PART, 3, 2, 0.5)),
+    "a part of no number": program((Kind.SOLVE, 2, None, SYSTEM), (Kind.PART, 3, 2.0, 0)),
+    "no system": program((Kind.SOLVE, 2, None, tuple(SYSTEM))),
+    "an empty system": program((Kind.SOLVE, 2, None, LinearSystem((), ()))),
+    "no square matrix": program((Kind.SOLVE, 2, None, SYSTEM._replace(matrix=((0, 1), (1,))))),
+    "a wide matrix": program((Kind.SOLVE, 2, None, LinearSystem(((0, 1),), ((0,),)))),
+    "rows that are missing": program((Kind.SOLVE, 2, None, SYSTEM._replace(right=((0,),)))),
+    "rows of several lengths": program((Kind.SOLVE, 2, None, SYSTEM._replace(right=((0,), (0, 1))))),
+    "a row in a list": program((Kind.SOLVE, 2, None, SYSTEM._replace(matrix=((0, 1), [1, 0])))),
+    "a matrix in a list": program((Kind.SOLVE, 2, None, SYSTEM._replace(matrix=[(0, 1), (1, 0)]))),
+    "an entry that is not there": program((Kind.SOLVE, 2, None, SYSTEM._replace(matrix=((0, 1), (1, 3))))),
+    "an entry that is not there, right": program((Kind.SOLVE, 2, None, SYSTEM._replace(right=((0,), (5,))))),
     "an input as an instruction": program((0, 2)),
     "an unknown kind": program((11, 2, 0, 0)),
     "an unknown kind with a system": program((11, 2, None, SYSTEM)),
@@ -231,11 +223,11 @@ def test_digests_tell_loops_apart():
         assert again.digest == one.digest
     third = ball(1) / 3
     scaled = [
-        item._replace(constant=item.constant * (1 + third / 2**100)) if item.kind == SCALE else item
+        item._replace(constant=item.constant * (1 + third / 2**100)) if item.kind == Kind.SCALE else item
         for item in one.field.instructions
     ]
     fuzzy = [
-        item._replace(constant=item.constant + flint().arb(0, 1e-30)) if item.kind == SCALE else item
+        item._replace(constant=item.constant + flint().arb(0, 1e-30)) if item.kind == Kind.SCALE else item
         for item in one.field.instructions
     ]
     with flint().ctx.workprec(200):

@@ -20,13 +20,8 @@ from ccpin.visualization.scene import Scene
 from ccpin.visualization.scene_page import CommandRecorder
 from ccpin.visualization.shapes import RINGS, SIDES, Triangles, corners, hull, parts, read_mesh, tube
 from ccpin.visualization.stick_figure import held_points
-from tests.support.pages import bare, five_bar
+from tests.support.pages import bare
 from tests.support.rods import FOUR_BAR, rocker_angle, rod_four_bar
-
-
-@pytest.fixture(scope="module")
-def rpdr():
-    return five_bar()
 
 
 def test_tube_is_as_thick_as_asked_for():

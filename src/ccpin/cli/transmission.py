@@ -11,14 +11,13 @@ from typing import Any, Literal
 import numpy as np
 import shtab
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, one_each
 from ccpin.cli.command import add_command, complete, positive
 from ccpin.cli.measured_pairs import add_identify, identify
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.errors import InvalidInputError
 from ccpin.transmission.limits_search import FORMS
-from ccpin.transmission.motor_bounds import one_each
 from ccpin.transmission.motor_limits import LimitsCertificate, certify_limits
 from ccpin.transmission.polytopes import Polytope
 from ccpin.transmission.posture import Posture
@@ -81,7 +80,7 @@ def _transmission(options: argparse.Namespace) -> int:
     proved = list[LimitsCertificate]()
     if (within := each_of(options.within)) is not None:
         with busy(options.json, "limits proved"):
-            far = one_each(transmission.joints, within, "--within")
+            far = one_each(within, "--within", len(transmission.joints))
             facts["proved"], proved = _proved(transmission, far, effort, speed)
             facts["within"] = far.tolist()
     if options.out is not None:
@@ -128,7 +127,7 @@ def _draw(
 ) -> None:
     """A page or a picture, by the file's ending."""
     from ccpin import plotting
-    from ccpin.files import writable_target, write_atomically
+    from ccpin.files import write_text
     from ccpin.transmission.limits_page import transmission_page
     from ccpin.transmission.pictures import plot_limits
 
@@ -136,7 +135,7 @@ def _draw(
         plotting.save(plot_limits(found.transmission, effort=effort, speed=speed, proved=proved), out)
         return
     page = transmission_page(found, words, effort=effort, speed=speed, proved=proved)
-    write_atomically(writable_target(out), "w", lambda file: file.write(page))
+    write_text(out, page)
 
 
 def add_sides(parser: Any) -> None:

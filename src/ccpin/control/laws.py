@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, frozen, instance, least_eigenvalue, numbers, positive, vector
+from ccpin.arrays import Array, frozen, instance, least_eigenvalue, numbers, one_each, positive, vector
 from ccpin.control.control_law import ControlLaw, Measurement, of_own, q_of
 from ccpin.control.references import Hold, require_commuting
 from ccpin.control.statements import LawKind, Statement
@@ -224,11 +224,8 @@ class CoulombCompensation(ControlLaw):
             raise UnsupportedMechanismError(
                 "friction compensation needs the motors on the independent joints, in order and without gears"
             )
-        level = numbers(coulomb, "coulomb")
-        if level.shape not in ((), (model.n,)) or not np.isfinite(level).all() or np.any(level < 0):
-            raise InvalidInputError(f"coulomb must be a number or ({model.n},), finite and at least zero: {coulomb!r}")
         self._law, self._width = law, positive(width, "width", "positive")
-        self._level = np.array(np.broadcast_to(level, (model.n,)))
+        self._level = one_each(coulomb, "coulomb", model.n)
         self._direction = None if q_start is None else np.sign(law.error(checked_q(model.coordinates, q_start)))
 
     def torque(self, t: float, state: State | Measurement, v: Array) -> Array:

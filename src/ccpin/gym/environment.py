@@ -16,7 +16,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array, positive
+from ccpin.arrays import Array, one_each, positive
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.loading.loader import load
@@ -139,10 +139,7 @@ def effort_bounds(model: ReducedModel, effort: ArrayLike | None) -> tuple[Array,
     """Least and largest u."""
     motors = model.mechanism.motors
     if effort is not None:
-        most = np.asarray(effort, dtype=np.float64)
-        if most.shape not in ((), (model.n_actuated,)) or not np.isfinite(most).all() or not (most > 0).all():
-            raise InvalidInputError(f"effort must be a positive number or {model.n_actuated}, one a motor: {effort!r}")
-        most = np.array(np.broadcast_to(most, (model.n_actuated,)))
+        most = one_each(effort, "effort", model.n_actuated, positive=True)
         return -most, most
     endless = np.flatnonzero(~np.isfinite(motors.limits).all(axis=1))
     if len(endless):

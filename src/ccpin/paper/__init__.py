@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ccpin.files import write_atomically
+from ccpin.files import write_text
 from ccpin.paper.experiments import figure8, figure9, figure10, move_times
 from ccpin.paper.omega import figure6, figure7, table_one
 from ccpin.paper.reproduction import Reproduction, reproduce
@@ -36,5 +36,5 @@ def write(found: Reproduction, path: str | Path) -> Path:
     Raises:
         InvalidInputError: The folder cannot be written to.
     """
-    write_atomically(path, "w", lambda file: file.write(page(found)))
+    write_text(path, page(found))
     return Path(path)

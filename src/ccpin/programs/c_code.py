@@ -17,25 +17,12 @@ from ccpin.errors import CcpinError
 from ccpin.programs.certified_region import OUTSIDE
 from ccpin.programs.evaluation import gain_series
 from ccpin.programs.folding import DOUBLES, folded
-from ccpin.programs.instructions import (
-    ADD,
-    CONSTANT,
-    COSINE,
-    GAIN,
-    MULTIPLY,
-    RECIPROCAL,
-    ROOT,
-    SCALE,
-    SINE,
-    SUBTRACT,
-    Code,
-    Instruction,
-)
+from ccpin.programs.instructions import Code, Instruction, Kind
 from ccpin.programs.program import SMALL_PIVOT, Program
 from ccpin.programs.sine_cosine import DOUBLE, Precision
 
 PIECE = 1200  # operations a function of exported C: compilers take more than proportionally longer for more
-_WORDS = {ADD: "+", SUBTRACT: "-", MULTIPLY: "*"}
+_WORDS = {Kind.ADD: "+", Kind.SUBTRACT: "-", Kind.MULTIPLY: "*"}
 
 
 class Text(NamedTuple):
@@ -98,7 +85,7 @@ def _slots(pieces: Sequence[Sequence[Instruction]], code: Code, program: Program
                 dies[operand] = number
     for number in (*code.outputs, *program.corrections):
         dies[number] = len(pieces)
-    constants = {item.target for item in code.instructions if item.kind == CONSTANT}
+    constants = {item.target for item in code.instructions if item.kind == Kind.CONSTANT}
     free, place, count = list[int](), dict[int, int](), 0
     leaving: dict[int, list[int]] = {}
     for number, piece in enumerate(pieces):
@@ -118,31 +105,31 @@ class _Writer:
 
     def __init__(self, program: Program, code: Code, name: str, precision: Precision) -> None:
         self._program, self._code, self._name, self._precision = program, code, name, precision
-        self._constants = {item.target: item.constant for item in code.instructions if item.kind == CONSTANT}
+        self._constants = {item.target: item.constant for item in code.instructions if item.kind == Kind.CONSTANT}
         self._pivots = {pivot.number: pivot.scale for pivot in program.pivots}
 
     def helpers(self) -> list[str]:
         """Functions for what C has no operator for, where the program has it."""
-        orders = {item.b: None for item in self._code.instructions if item.kind == GAIN}
+        orders = {item.b: None for item in self._code.instructions if item.kind == Kind.GAIN}
         return [_gain(self._name, order, self._precision) for order in orders]
 
     def piece(self, number: int, items: Sequence[Instruction], slots: _Slots, alone: bool) -> str:
         """One function of the kernel."""
         lines, here = list[str](), {item.target for item in items}
-        angles = {item.a: dict[int, int]() for item in items if item.kind in (SINE, COSINE)}
+        angles = {item.a: dict[int, int]() for item in items if item.kind in (Kind.SINE, Kind.COSINE)}
         for item in items:
-            if item.kind in (SINE, COSINE):
+            if item.kind in (Kind.SINE, Kind.COSINE):
                 angles[item.a][item.kind] = item.target
         for item in items:
             for operand in item.operands:
                 if operand not in here and operand in slots.place:
                     lines.append(f"const R t{operand} = m[{slots.place[operand]}];")
                     here.add(operand)
-            if item.kind in (SINE, COSINE):
+            if item.kind in (Kind.SINE, Kind.COSINE):
                 pair = angles.pop(item.a, {})
                 lines += self._sine_cosine(item.a, pair)
                 new = list(pair.values())
-            elif item.kind != CONSTANT:
+            elif item.kind != Kind.CONSTANT:
                 lines.append(f"const R t{item.target} = {self._value(item)};")
                 new = [item.target]
             else:
@@ -159,7 +146,7 @@ class _Writer:
         """Both of an angle, where they are not there yet."""
         if not pair:
             return []
-        names = [f"t{pair[kind]}" if kind in pair else f"unused{angle}" for kind in (SINE, COSINE)]
+        names = [f"t{pair[kind]}" if kind in pair else f"unused{angle}" for kind in (Kind.SINE, Kind.COSINE)]
         call = f"{self._name}_sincos({self._operand(angle)}, &{names[0]}, &{names[1]});"
         reach = self._literal(self._precision.reach**2)
         within = f"ok &= ABOVE({reach}, {self._operand(angle)} * {self._operand(angle)});"
@@ -199,13 +186,13 @@ class _Writer:
         kind, a = item.kind, self._operand(item.a)
         if kind in _WORDS:
             return f"{a} {_WORDS[kind]} {self._operand(item.b)}"
-        if kind == SCALE:
+        if kind == Kind.SCALE:
             return f"-{a}" if item.constant == -1 else f"{self._literal(item.constant)} * {a}"
-        if kind == RECIPROCAL:
+        if kind == Kind.RECIPROCAL:
             return f"{self._literal(1.0)} / {a}"
-        if kind == GAIN:
+        if kind == Kind.GAIN:
             return f"{self._name}_gain{item.b}({a})"
-        if kind == ROOT:
+        if kind == Kind.ROOT:
             return f"ROOT({a})"
         return f"ANGLE({a}, {self._operand(item.b)})"
 

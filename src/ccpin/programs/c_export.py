@@ -10,7 +10,6 @@ import numpy as np
 
 from ccpin.programs.c_code import Text, identifier, kernel_of, scalar_macros
 from ccpin.programs.certified_region import OUTSIDE, CertifiedRegion
-from ccpin.programs.instructions import ANGLE, GAIN, ROOT
 from ccpin.programs.program import Port, Program, windows
 from ccpin.programs.sine_cosine import Precision
 
@@ -107,9 +106,10 @@ def _comment(program: Program, name: str, precision: Precision, kernel: Text) ->
     size = np.dtype(precision.type).itemsize
     numbers = kernel.stack + sum(port.size for port in (*program.inputs, *program.outputs))
     counts = ", ".join(f"{count} {word}" for word, count in program.operations.items())
-    system = {item.kind for item in program.code.instructions} & {GAIN, ANGLE, ROOT}
-    calls = ", ".join(word for kind, word in ((GAIN, "acos, sqrt"), (ANGLE, "atan2"), (ROOT, "sqrt")) if kind in system)
-    bits = "acos and atan2 are <math.h>'s" if system & {GAIN, ANGLE} else "the same bits wherever arithmetic is IEEE's"
+    known = {"gain": "acos, sqrt", "angle": "atan2", "root": "sqrt"}
+    calls = ", ".join(word for kind, word in known.items() if kind in program.operations)
+    system = {"gain", "angle"} & set(program.operations)
+    bits = "acos and atan2 are <math.h>'s" if system else "the same bits wherever arithmetic is IEEE's"
     lines = [
         f"{name}.h: {program.name}",
         f"Written by ccpin from the program {program.digest}",

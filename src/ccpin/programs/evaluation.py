@@ -5,21 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ccpin.programs.instructions import (
-    ADD,
-    ANGLE,
-    CONSTANT,
-    COSINE,
-    GAIN,
-    MULTIPLY,
-    RECIPROCAL,
-    ROOT,
-    SCALE,
-    SINE,
-    SUBTRACT,
-    Code,
-    Instruction,
-)
+from ccpin.programs.instructions import Code, Instruction, Kind
 
 _TERMS = 40  # of g's series about 1, where (1 − w)/2 ≤ 1/4: what is left out is below 1e-24
 _SERIES = 0.5  # from this w on g is its series: the closed forms of its derivatives cancel near 1
@@ -37,27 +23,27 @@ def values_of(code: Code, inputs: Sequence[Any], xp: Any) -> list[Any]:
 def value_of(item: Instruction, values: Sequence[Any], xp: Any) -> Any:
     """The value of one instruction that is no linear solve."""
     kind, a, b = item.kind, item.a, item.b
-    if kind == MULTIPLY:
+    if kind == Kind.MULTIPLY:
         return values[a] * values[b]
-    if kind == ADD:
+    if kind == Kind.ADD:
         return values[a] + values[b]
-    if kind == SUBTRACT:
+    if kind == Kind.SUBTRACT:
         return values[a] - values[b]
-    if kind == SCALE:
+    if kind == Kind.SCALE:
         return float(item.constant) * values[a]
-    if kind == CONSTANT:
+    if kind == Kind.CONSTANT:
         return float(item.constant)
-    if kind == SINE:
+    if kind == Kind.SINE:
         return xp.sin(values[a])
-    if kind == COSINE:
+    if kind == Kind.COSINE:
         return xp.cos(values[a])
-    if kind == RECIPROCAL:
+    if kind == Kind.RECIPROCAL:
         return 1.0 / values[a]
-    if kind == ROOT:
+    if kind == Kind.ROOT:
         return xp.sqrt(values[a])
-    if kind == ANGLE:
+    if kind == Kind.ANGLE:
         return xp.arctan2(values[a], values[b])
-    if kind == GAIN:
+    if kind == Kind.GAIN:
         return gain(values[a], b, xp)
     raise ValueError(f"no instruction {kind} outside linear solves")
 

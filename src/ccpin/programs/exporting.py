@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import IO
 
 from ccpin.arrays import choice, instance
 from ccpin.errors import InvalidInputError
-from ccpin.files import writable_folder, write_atomically
+from ccpin.files import writable_folder, write_text
 from ccpin.programs.c_code import identifier
 from ccpin.programs.c_export import header, is_taken
 from ccpin.programs.c_self_test import self_test
@@ -65,12 +63,8 @@ def export(
     into = writable_folder(folder, "folder")
     paths = tuple(into / file for file in texts)
     for path, text in zip(paths, texts.values(), strict=True):
-        write_atomically(path, "w", partial(_write, text))
+        write_text(path, text)
     return paths
-
-
-def _write(text: str, file: IO[str]) -> None:
-    file.write(text)
 
 
 def _c_name(name: str) -> str:

@@ -8,18 +8,7 @@ from fractions import Fraction
 from operator import add, mul, sub
 from typing import Any, NamedTuple
 
-from ccpin.programs.instructions import (
-    ADD,
-    ANGLE,
-    CONSTANT,
-    MULTIPLY,
-    RECIPROCAL,
-    ROOT,
-    SCALE,
-    SUBTRACT,
-    Code,
-    Instruction,
-)
+from ccpin.programs.instructions import Code, Instruction, Kind
 
 
 class Arithmetic(NamedTuple):
@@ -45,24 +34,24 @@ def folded(code: Code, arithmetic: Arithmetic) -> Code:
 
     A product with a constant becomes a SCALE. Values keep their numbers.
     """
-    does: dict[int, Callable[..., Any]] = {ADD: add, SUBTRACT: sub, MULTIPLY: mul}
-    does |= {ROOT: arithmetic.root, RECIPROCAL: arithmetic.reciprocal, ANGLE: arithmetic.angle}
+    does: dict[int, Callable[..., Any]] = {Kind.ADD: add, Kind.SUBTRACT: sub, Kind.MULTIPLY: mul}
+    does |= {Kind.ROOT: arithmetic.root, Kind.RECIPROCAL: arithmetic.reciprocal, Kind.ANGLE: arithmetic.angle}
     constants, found = dict[int, Any](), list[Instruction]()
     for item in code.instructions:
         kind, target, a, b, constant = item
-        if kind == CONSTANT:
+        if kind == Kind.CONSTANT:
             constants[target] = arithmetic.number(constant)
-        elif kind == SCALE and a in constants:
+        elif kind == Kind.SCALE and a in constants:
             constants[target] = arithmetic.number(constant) * constants[a]
         elif kind in does and all(number in constants for number in item.operands):
             constants[target] = does[kind](*(constants[number] for number in item.operands))
-        elif kind == MULTIPLY and (a in constants or b in constants):
+        elif kind == Kind.MULTIPLY and (a in constants or b in constants):
             factor, other = (a, b) if a in constants else (b, a)
-            found.append(Instruction(SCALE, target, other, None, constants[factor]))
-        elif kind == SCALE:
+            found.append(Instruction(Kind.SCALE, target, other, None, constants[factor]))
+        elif kind == Kind.SCALE:
             found.append(item._replace(constant=arithmetic.number(constant)))
         else:
             found.append(item)
     used = {*code.outputs, *(number for item in found for number in item.operands)}
-    kept = [Instruction(CONSTANT, number, constant=value) for number, value in constants.items() if number in used]
+    kept = [Instruction(Kind.CONSTANT, number, constant=value) for number, value in constants.items() if number in used]
     return code._replace(instructions=(*kept, *found))

@@ -13,7 +13,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.programs.evaluation import value_of
-from ccpin.programs.instructions import PART, SOLVE, Code
+from ccpin.programs.instructions import Code, Kind
 from ccpin.programs.signs import unsigned
 from ccpin.programs.tape import Expression, Node, Tape, is_zero
 
@@ -67,13 +67,13 @@ def lowered(code: Code, samples: Array) -> Lowered:
     found: dict[int, Any] = dict(enumerate(tape.inputs))
     eliminations: dict[tuple[tuple[int, ...], ...], _Elimination] = {}
     for item in code.instructions:
-        if item.kind == SOLVE:
+        if item.kind == Kind.SOLVE:
             matrix = item.b.matrix
             if matrix not in eliminations:
                 eliminations[matrix] = _Elimination(tape, [[found[number] for number in row] for row in matrix])
             right = [[found[number] for number in row] for row in item.b.right]
             found[item.target] = [entry for row in eliminations[matrix].solution(right) for entry in row]
-        elif item.kind == PART:
+        elif item.kind == Kind.PART:
             found[item.target] = found[item.a][item.b]
         else:
             tape.copied(item, found)

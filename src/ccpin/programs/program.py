@@ -18,24 +18,10 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, numbers
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.files import write_atomically
+from ccpin.files import write_text
 from ccpin.programs.certified_region import OUTSIDE, CertifiedRegion, region_of
 from ccpin.programs.evaluation import values_of
-from ccpin.programs.instructions import (
-    ADD,
-    ANGLE,
-    CONSTANT,
-    COSINE,
-    GAIN,
-    MULTIPLY,
-    RECIPROCAL,
-    ROOT,
-    SCALE,
-    SINE,
-    SUBTRACT,
-    Code,
-    Instruction,
-)
+from ccpin.programs.instructions import Code, Instruction, Kind
 from ccpin.programs.lowering import Pivot
 from ccpin.programs.sine_cosine import DOUBLE
 from ccpin.programs.written_numbers import count_of, rational_of, rational_text
@@ -43,15 +29,11 @@ from ccpin.programs.written_numbers import count_of, rational_of, rational_text
 if TYPE_CHECKING:
     from ccpin.programs.program_sources import ProgramSource
 
-WORDS = {
-    CONSTANT: "constant", ADD: "add", SUBTRACT: "subtract", MULTIPLY: "multiply", SCALE: "scale", SINE: "sine",
-    COSINE: "cosine", GAIN: "gain", ROOT: "root", RECIPROCAL: "reciprocal", ANGLE: "angle",
+_OPERANDS = {  # how many an instruction of a word has: of sine and cosine the second is the other of them
+    "constant": (0,), "add": (2,), "subtract": (2,), "multiply": (2,), "scale": (1,), "sine": (1, 2), "cosine": (1, 2),
+    "gain": (2,), "root": (1,), "reciprocal": (1,), "angle": (2,),
 }  # fmt: skip
-_KINDS = {word: kind for kind, word in WORDS.items()}
-_OPERANDS: dict[int, tuple[int, ...]] = {  # how many each kind has: of sine and cosine the second is the other of them
-    CONSTANT: (0,), ADD: (2,), SUBTRACT: (2,), MULTIPLY: (2,), SCALE: (1,), SINE: (1, 2), COSINE: (1, 2),
-    GAIN: (2,), ROOT: (1,), RECIPROCAL: (1,), ANGLE: (2,),
-}  # fmt: skip
+WORDS: dict[int, str] = {getattr(Kind, word.upper()): word for word in _OPERANDS}
 _FORMAT, _VERSION = "ccpin.program", 1
 _DIGITS = 400  # of a constant
 _NONE = (  # what reading no program raises
@@ -164,7 +146,7 @@ class Program:
     def _status(self, values: list[Any], rows: int) -> Any:
         """0, 1, 2 or 3 for every row."""
         divides = np.zeros(rows, dtype=np.bool_)
-        for angle in {item.a: None for item in self.code.instructions if item.kind in (SINE, COSINE)}:
+        for angle in {item.a: None for item in self.code.instructions if item.kind in (Kind.SINE, Kind.COSINE)}:
             divides |= ~(np.square(values[angle]) < DOUBLE.reach**2)
         for pivot in self.pivots:
             divides |= ~(np.square(values[pivot.number]) > (SMALL_PIVOT * pivot.scale) ** 2)
@@ -199,7 +181,7 @@ class Program:
     @property
     def operations(self) -> dict[str, int]:
         """How many operations of each kind it makes, constants apart."""
-        counts = Counter(WORDS[item.kind] for item in self.code.instructions if item.kind != CONSTANT)
+        counts = Counter(WORDS[item.kind] for item in self.code.instructions if item.kind != Kind.CONSTANT)
         return dict(sorted(counts.items()))
 
     @property
@@ -218,15 +200,15 @@ class Program:
         reads, gives = (", ".join(port.name for port in group) for group in (self.inputs, self.outputs))
         lines = [f"{self.name}: {reads} ↦ {gives}"]
         for item in self.code.instructions:
-            names[item.target] = f"t{item.target}" if item.kind != CONSTANT else _short(item.constant)
-            if item.kind != CONSTANT:
+            names[item.target] = f"t{item.target}" if item.kind != Kind.CONSTANT else _short(item.constant)
+            if item.kind != Kind.CONSTANT:
                 lines.append(f"{names[item.target]} = {_formula(item, names)}")
         lines += [f"{entry} = {names[k]}" for entry, k in zip(_entries(self.outputs), self.code.outputs, strict=True)]
         return "\n".join(lines)
 
     def save(self, path: str | Path) -> None:
         """Write it as JSON, with its digest; `load` reads it again."""
-        write_atomically(path, "w", lambda file: file.write(self.text))
+        write_text(path, self.text)
 
     @property
     def text(self) -> str:
@@ -328,20 +310,20 @@ def _number(text: str, above: float = -math.inf) -> float:
 
 def _written(item: Instruction) -> list[Any]:
     constant = [] if item.constant is None else [rational_text(item.constant)]
-    operands = [item.a, item.b] if item.kind == GAIN else list(item.operands)
+    operands = [item.a, item.b] if item.kind == Kind.GAIN else list(item.operands)
     return [WORDS[item.kind], item.target, *operands, *constant]
 
 
 def _read(entry: Any) -> Instruction:
     word, target, *rest = entry
-    kind, constant = _KINDS[word], None
-    if kind in (CONSTANT, SCALE):
+    counts, kind, constant = _OPERANDS[word], getattr(Kind, word.upper()), None
+    if kind in (Kind.CONSTANT, Kind.SCALE):
         *rest, text = rest
         constant = rational_of(text, _DIGITS)
         if abs(constant) >= 2**1000:
             raise ValueError(f"a constant of {len(text)} letters that no double is near")
     operands = tuple(map(count_of, rest))
-    if len(operands) not in _OPERANDS[kind]:
+    if len(operands) not in counts:
         raise ValueError(f"'{word}' of {len(operands)} operands")
     a, b = (*operands, None, None)[:2]
     return Instruction(kind, count_of(target), a, b, constant)
@@ -354,15 +336,15 @@ def _entries(ports: Sequence[Port]) -> list[str]:
 def _formula(item: Instruction, names: Mapping[int, str]) -> str:
     a = names[item.a] if item.a is not None else ""
     kind = item.kind
-    if kind in (ADD, SUBTRACT, MULTIPLY):
-        return f"{a} {'+−·'[(ADD, SUBTRACT, MULTIPLY).index(kind)]} {names[item.b]}"
-    if kind == SCALE:
+    if sign := {Kind.ADD: "+", Kind.SUBTRACT: "−", Kind.MULTIPLY: "·"}.get(kind):
+        return f"{a} {sign} {names[item.b]}"
+    if kind == Kind.SCALE:
         return f"{_short(item.constant)} · {a}"
-    if kind == ANGLE:
+    if kind == Kind.ANGLE:
         return f"atan2({a}, {names[item.b]})"
-    if kind == GAIN:
+    if kind == Kind.GAIN:
         return f"g{'′' * item.b}({a})"
-    return {SINE: f"sin({a})", COSINE: f"cos({a})", RECIPROCAL: f"1/{a}", ROOT: f"√{a}"}[kind]
+    return {Kind.SINE: f"sin({a})", Kind.COSINE: f"cos({a})", Kind.RECIPROCAL: f"1/{a}", Kind.ROOT: f"√{a}"}[kind]
 
 
 def _short(value: Fraction) -> str:

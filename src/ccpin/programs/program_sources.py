@@ -66,17 +66,17 @@ class Assembled(NamedTuple):
 
 def assembled(source: ProgramSource) -> Assembled:
     """The program of a source."""
-    tape = Tape(sum(size for _, size in source.ports))
-    ends = np.cumsum([size for _, size in source.ports])[:-1]
-    given = dict(zip((name for name, _ in source.ports), np.split(_row(tape.inputs), ends), strict=True))
+    names, sizes = zip(*source.ports, strict=True)
+    tape = Tape(sum(sizes))
+    given = dict(zip(names, np.split(np.array(tape.inputs, dtype=object), np.cumsum(sizes)[:-1]), strict=True))
     q, y = given["q"], given["y"]
     due = zip(INPUTS, source.sizes[1:], strict=False)
     others = [entry for name, size in due for entry in given.get(name, np.zeros(size, dtype=object))]
-    iterates, correction = _newton(tape, source, (q, y), others) if source.steps else ([], _row([]))
+    iterates, correction = _newton(tape, source, (q, y), others) if source.steps else ([], [])
     end = iterates[-1] if iterates else y
     results = tape.inlined(source.inner, [*_placed(source, q, end), *others])
     if source.checked:
-        results, correction = results[: -source.checked], _row(results[-source.checked :])
+        results, correction = results[: -source.checked], results[-source.checked :]
     asked = [*results, *(entry for each in iterates for entry in each), *correction]
     done = lowered(tape.code(asked), np.array(source.samples))
     outputs, m = done.code.outputs, len(y)
@@ -111,9 +111,9 @@ def _newton(
     m, found, matrix, correction = len(y), list[Table](), None, y
     for step in range(source.steps + 1):
         at = [*_placed(source, q, y), *others]
-        residual = _row(tape.inlined(source.closure, at))
+        residual = np.array(tape.inlined(source.closure, at), dtype=object)
         if step < source.steps:
-            matrix = _row(tape.inlined(slopes, at)).reshape(m, m)
+            matrix = np.array(tape.inlined(slopes, at), dtype=object).reshape(m, m)
         correction = tape.solve(matrix, residual[:, None])[:, 0]
         y = y - correction
         found.append(y)
@@ -124,9 +124,3 @@ def _placed(source: ProgramSource, q: Table, y: Table) -> list[Expression]:
     x = np.zeros(source.sizes[0], dtype=object)
     x[list(source.independent)], x[list(source.dependent)] = q, y
     return x.tolist()
-
-
-def _row(entries: Any) -> Table:
-    found = np.empty(len(entries), dtype=object)
-    found[:] = entries
-    return found

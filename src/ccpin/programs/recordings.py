@@ -129,23 +129,29 @@ def program_of(
     """
     inner = scene.tape.code([entry for table in outputs.values() for entry in table.ravel()])
     ports = _input_ports(scene, _inputs_read(scene, inner), symbols)
+    closure, sizes = scene.tape.code(scene.recorded.closure), [len(table) for table in scene.inputs.values()]
     samples = _samples(scene.model, scene.own, about, ports, symbols)
-    source = ProgramSource(
-        scene.tape.code(scene.recorded.closure), inner, scene.own.q.places,
-        tuple(len(table) for table in scene.inputs.values()),
-        tuple((port.name, port.size) for port in ports), steps, tuple(map(tuple, samples.tolist())),
-    )  # fmt: skip
+    return _put_together(scene, name, (ports, shown), (closure, inner), sizes, samples, steps, notes=notes)
+
+
+def _put_together(
+    scene: TapedModel,
+    name: str,
+    ports: tuple[tuple[Port, ...], tuple[Port, ...]],
+    codes: tuple[Code, Code],
+    sizes: Sequence[int],
+    samples: Array,
+    steps: int = 0,
+    checked: int = 0,
+    notes: tuple[str, ...] = (),
+) -> Program:
+    """The program of closures and of what is evaluated (`ProgramSource`), with ports of inputs and outputs."""
+    rows = tuple(map(tuple, samples.tolist()))
+    named = tuple((port.name, port.size) for port in ports[0])
+    source = ProgramSource(*codes, scene.own.q.places, tuple(sizes), named, steps, rows, checked)
     done = assembled(source)
-    return Program(
-        name, ports, shown, done.code, done.pivots, done.corrections, CONVERGED if done.corrections else 0.0,
-        *_about(samples), notes, source,
-    )  # fmt: skip
-
-
-def _about(samples: Array) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
-    """The first sample and the others."""
-    first, *others = map(tuple, samples.tolist())
-    return first, tuple(others)
+    tolerance = CONVERGED if done.corrections else 0.0
+    return Program(name, *ports, done.code, done.pivots, done.corrections, tolerance, rows[0], rows[1:], notes, source)
 
 
 def _step(scene: TapedModel, about: State, symbols: Sequence[Parameter]) -> Program:
@@ -161,15 +167,9 @@ def _step(scene: TapedModel, about: State, symbols: Sequence[Parameter]) -> Prog
     after = tuple(port._replace(name=f"{port.name}_next") for port in (q, y, rest[0]))
     samples = _samples(scene.model, scene.own, about, ports, symbols)
     closure = tape.inlined(scene.tape.code(scene.recorded.closure), tape.inputs[:-1])
-    source = ProgramSource(
-        tape.code(closure), tape.code([*step.q, *step.y, *step.v, *step.correction]), scene.own.q.places, sizes,
-        tuple((port.name, port.size) for port in ports), 0, tuple(map(tuple, samples.tolist())), len(step.correction),
-    )  # fmt: skip
-    done = assembled(source)
-    return Program(
-        f"{scene.model.mechanism.name}: step", ports, after, done.code, done.pivots, done.corrections, CONVERGED,
-        *_about(samples), (), source,
-    )  # fmt: skip
+    codes, checked = (tape.code(closure), tape.code([entry for part in step for entry in part])), len(step.correction)
+    name = f"{scene.model.mechanism.name}: step"
+    return _put_together(scene, name, (ports, after), codes, sizes, samples, checked=checked)
 
 
 def configuration(state: State, near: State | None = None) -> dict[str, Array]:
@@ -240,8 +240,7 @@ def _outputs(scene: TapedModel, asked: tuple[str, ...], derivatives: tuple[str, 
 
 def _inputs_read(scene: TapedModel, code: Code) -> set[str]:
     """Which inputs beside q and y an output depends on."""
-    used = {number for item in code.instructions for number in item.operands} | set(code.outputs)
-    return {name for name, nodes in scene.inputs.items() if used & {node.index for node in nodes}}
+    return {name for name, nodes in scene.inputs.items() if code.read & {node.index for node in nodes}}
 
 
 def _input_ports(scene: TapedModel, reads: set[str], symbols: Sequence[Parameter]) -> tuple[Port, ...]:

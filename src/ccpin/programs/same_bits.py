@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ccpin.programs.certified_region import OUTSIDE
 from ccpin.programs.evaluation import values_of
 from ccpin.programs.folding import DOUBLES, folded
-from ccpin.programs.instructions import COSINE, SINE
+from ccpin.programs.instructions import Kind
 from ccpin.programs.program import SMALL_PIVOT, Program
 from ccpin.programs.sine_cosine import Precision, sine_and_cosine
 
@@ -53,7 +53,7 @@ def c_answers(program: Program, inputs: NDArray[Any], precision: Precision) -> B
         values = values_of(code, list(rows.T), _Own(precision))
         divides = np.zeros(len(rows), dtype=np.bool_)
         for item in code.instructions:
-            if item.kind in (SINE, COSINE):
+            if item.kind in (Kind.SINE, Kind.COSINE):
                 divides |= ~(precision.type(precision.reach**2) > values[item.a] * values[item.a])
         for pivot in program.pivots:
             low = precision.type((SMALL_PIVOT * pivot.scale) ** 2)

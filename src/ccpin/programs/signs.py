@@ -8,18 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ccpin.programs.instructions import (
-    ADD,
-    ANGLE,
-    CONSTANT,
-    GAIN,
-    MULTIPLY,
-    RECIPROCAL,
-    SCALE,
-    SUBTRACT,
-    Code,
-    Instruction,
-)
+from ccpin.programs.instructions import Code, Instruction, Kind
 
 
 class _Signed(NamedTuple):
@@ -59,37 +48,37 @@ class _Reader:
 
     def plain(self, value: _Signed) -> int:
         """The number of a value with its sign."""
-        return self._value(SCALE, value.number, constant=-1) if value.minus else value.number
+        return self._value(Kind.SCALE, value.number, constant=-1) if value.minus else value.number
 
     def _read(self, item: Instruction) -> _Signed:
         kind = item.kind
-        if kind in (ADD, SUBTRACT):
+        if kind in (Kind.ADD, Kind.SUBTRACT):
             a, b = self.found[item.a], self.found[item.b]
-            return self._sum(a, b if kind == ADD else b._replace(minus=not b.minus))
-        if kind == MULTIPLY:
+            return self._sum(a, b if kind == Kind.ADD else b._replace(minus=not b.minus))
+        if kind == Kind.MULTIPLY:
             a, b = self.found[item.a], self.found[item.b]
-            return _Signed(a.minus != b.minus, self._value(MULTIPLY, *sorted((a.number, b.number))))
-        if kind == SCALE:
+            return _Signed(a.minus != b.minus, self._value(Kind.MULTIPLY, *sorted((a.number, b.number))))
+        if kind == Kind.SCALE:
             a, size = self.found[item.a], abs(item.constant)
-            number = a.number if size == 1 else self._value(SCALE, a.number, constant=size)
+            number = a.number if size == 1 else self._value(Kind.SCALE, a.number, constant=size)
             return _Signed(a.minus != (item.constant < 0), number)
-        if kind == RECIPROCAL:
+        if kind == Kind.RECIPROCAL:
             a = self.found[item.a]
-            return _Signed(a.minus, self._value(RECIPROCAL, a.number))
-        if kind == CONSTANT:
-            return _Signed(False, self._value(CONSTANT, constant=item.constant))
+            return _Signed(a.minus, self._value(Kind.RECIPROCAL, a.number))
+        if kind == Kind.CONSTANT:
+            return _Signed(False, self._value(Kind.CONSTANT, constant=item.constant))
         first = self.plain(self.found[item.a])
-        second = self.plain(self.found[item.b]) if kind == ANGLE else item.b if kind == GAIN else None
+        second = self.plain(self.found[item.b]) if kind == Kind.ANGLE else item.b if kind == Kind.GAIN else None
         return _Signed(False, self._value(kind, first, second))
 
     def _sum(self, a: _Signed, b: _Signed) -> _Signed:
         if a.minus == b.minus:
-            return _Signed(a.minus, self._value(ADD, *sorted((a.number, b.number))))
-        if (SUBTRACT, b.number, a.number, None) in self._known:
-            return _Signed(not a.minus, self._value(SUBTRACT, b.number, a.number))
+            return _Signed(a.minus, self._value(Kind.ADD, *sorted((a.number, b.number))))
+        if (Kind.SUBTRACT, b.number, a.number, None) in self._known:
+            return _Signed(not a.minus, self._value(Kind.SUBTRACT, b.number, a.number))
         if a.minus:
-            return _Signed(False, self._value(SUBTRACT, b.number, a.number))
-        return _Signed(False, self._value(SUBTRACT, a.number, b.number))
+            return _Signed(False, self._value(Kind.SUBTRACT, b.number, a.number))
+        return _Signed(False, self._value(Kind.SUBTRACT, a.number, b.number))
 
     def _value(self, kind: int, a: int | None = None, b: int | None = None, constant: object = None) -> int:
         key = (kind, a, b, constant)

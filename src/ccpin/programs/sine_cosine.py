@@ -35,7 +35,7 @@ class Precision(NamedTuple):
     name: str
     suffix: str
     rounder: float
-    parts: tuple[float, float, float]
+    parts: tuple[float, ...]
     sine: tuple[float, ...]
     cosine: tuple[float, ...]
     reach: float
@@ -52,30 +52,23 @@ class Precision(NamedTuple):
         return np.float64 if self.name == "double" else np.float32
 
 
+def _numbers(text: str) -> tuple[float, ...]:
+    """Those that `float.hex` wrote."""
+    return tuple(map(float.fromhex, text.split()))
+
+
 DOUBLE = Precision(
     "double",
     "",
     6755399441055744.0,
-    (
-        float.fromhex("0x1.921fb544p+0"),
-        float.fromhex("0x1.0b4611a6p-34"),
-        float.fromhex("0x1.3198a2e037073p-69"),
+    _numbers("0x1.921fb544p+0 0x1.0b4611a6p-34 0x1.3198a2e037073p-69"),
+    _numbers(
+        "-0x1.5555555555549p-3 0x1.111111110f8a6p-7 -0x1.a01a019c161d5p-13 "
+        "0x1.71de357b1fe7dp-19 -0x1.ae5e68a2b9cebp-26 0x1.5d93a5acfd57cp-33"
     ),
-    (
-        float.fromhex("-0x1.5555555555549p-3"),
-        float.fromhex("0x1.111111110f8a6p-7"),
-        float.fromhex("-0x1.a01a019c161d5p-13"),
-        float.fromhex("0x1.71de357b1fe7dp-19"),
-        float.fromhex("-0x1.ae5e68a2b9cebp-26"),
-        float.fromhex("0x1.5d93a5acfd57cp-33"),
-    ),
-    (
-        float.fromhex("0x1.555555555554cp-5"),
-        float.fromhex("-0x1.6c16c16c15177p-10"),
-        float.fromhex("0x1.a01a019cb1590p-16"),
-        float.fromhex("-0x1.27e4f809c52adp-22"),
-        float.fromhex("0x1.1ee9ebdb4b1c4p-29"),
-        float.fromhex("-0x1.8fae9be8838d4p-37"),
+    _numbers(
+        "0x1.555555555554cp-5 -0x1.6c16c16c15177p-10 0x1.a01a019cb1590p-16 "
+        "-0x1.27e4f809c52adp-22 0x1.1ee9ebdb4b1c4p-29 -0x1.8fae9be8838d4p-37"
     ),
     1e5,
     2.3e-16,
@@ -85,21 +78,9 @@ FLOAT = Precision(
     "float",
     "f",
     12582912.0,
-    (
-        float.fromhex("0x1.92p+0"),
-        float.fromhex("0x1.fb4p-12"),
-        float.fromhex("0x1.4442d2p-24"),
-    ),
-    (
-        float.fromhex("-0x1.555540p-3"),
-        float.fromhex("0x1.1105bcp-7"),
-        float.fromhex("-0x1.98dc20p-13"),
-    ),
-    (
-        float.fromhex("0x1.55554ap-5"),
-        float.fromhex("-0x1.6c0c1ap-10"),
-        float.fromhex("0x1.99e0ecp-16"),
-    ),
+    _numbers("0x1.92p+0 0x1.fb4p-12 0x1.4442d2p-24"),
+    _numbers("-0x1.555540p-3 0x1.1105bcp-7 -0x1.98dc20p-13"),
+    _numbers("0x1.55554ap-5 -0x1.6c0c1ap-10 0x1.99e0ecp-16"),
     1e3,
     1.23e-7,
     2.0**-16,

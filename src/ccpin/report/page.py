@@ -12,7 +12,7 @@ import numpy as np
 from ccpin.arrays import listener
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError
-from ccpin.files import writable_target, write_atomically
+from ccpin.files import writable_target, write_text
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.pages.html_page import Section, render
 from ccpin.pages.parts import bullets, paragraphs, preformatted
@@ -79,7 +79,7 @@ def write(
         Section("repeat", "To repeat this page", _repeat(mechanism, settings, command, work.seconds)),
     ]
     page = render(mechanism.title, "A closed-chain mechanism, as ccpin loads it.", sections)
-    write_atomically(target, "w", lambda file: file.write(page))
+    write_text(target, page)
     return Report(target, work.seconds, work.failed)
 
 

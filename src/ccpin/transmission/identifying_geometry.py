@@ -14,14 +14,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import instance, matrix_rows, records
+from ccpin.arrays import instance, matrix_rows, one_each, records
 from ccpin.errors import InvalidInputError
 from ccpin.identification.calibration.calibrating import sensors_at
 from ccpin.identification.calibration.geometry_fit import GeometryFit, identified, settled
 from ccpin.identification.calibration.geometry_numbers import numbers_on_loops, unknown_numbers
 from ccpin.identification.calibration.identified_geometry import IdentifiedGeometry
 from ccpin.identification.calibration.sensor_kinds import Encoders
-from ccpin.identification.calibration.sensors import deviations
 from ccpin.transmission.transmission import Transmission
 
 _DEFAULT_NOISE = np.radians(0.02)
@@ -67,10 +66,8 @@ def identify_geometry(
     """
     transmission = instance(transmission, "transmission", Transmission)
     n, model = transmission.n, transmission.joint_model
-    motors, joints = (
-        matrix_rows(motor_positions, "motor_positions", n),
-        matrix_rows(joint_positions, "joint_positions", n),
-    )
+    motors = matrix_rows(motor_positions, "motor_positions", n)
+    joints = matrix_rows(joint_positions, "joint_positions", n)
     if len(motors) != len(joints) or not len(motors):
         raise InvalidInputError(f"{len(motors)} motor_positions and {len(joints)} joint_positions make no pairs")
     off = records(offsets, "offsets", str)
@@ -78,11 +75,12 @@ def identify_geometry(
     if wrong := [name for name in off if name not in there]:
         raise InvalidInputError(f"offsets: '{wrong[0]}' is none of {', '.join(there)}")
     told = instance({} if priors is None else priors, "priors", Mapping, "a mapping of names to standard deviations")
-    spreads = deviations(motor_noise, n, "motor_noise"), deviations(joint_noise, n, "joint_noise")
-    both = (
-        tuple(name for name in off if name in transmission.motors),
-        tuple(name for name in off if name not in transmission.motors),
+    spreads = (
+        one_each(motor_noise, "motor_noise", n, positive=True),
+        one_each(joint_noise, "joint_noise", n, positive=True),
     )
+    driven = tuple(name for name in off if name in transmission.motors)
+    both = driven, tuple(name for name in off if name not in driven)
     sides = zip(spreads, (transmission.motors, transmission.joints), both, strict=True)
     encoders = sensors_at(model, [Encoders("encoders", *side) for side in sides])
     numbers = unknown_numbers(numbers_on_loops(model), parameters, known)

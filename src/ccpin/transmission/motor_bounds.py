@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, Indices, instance, numbers
+from ccpin.arrays import Array, Indices, instance, one_each
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
@@ -19,7 +19,7 @@ def stated_efforts(model: ReducedModel, motors: tuple[str, ...], effort: ArrayLi
         InvalidInputError: A negative effort, or none stated.
     """
     if effort is not None:
-        most = one_each(motors, effort, "effort")
+        most = one_each(effort, "effort", len(motors))
         return -most, most
     ends = model.mechanism.motors.joint_limits
     unknown = [name for name, each in zip(motors, ends, strict=True) if not np.isfinite(each).all()]
@@ -74,19 +74,7 @@ def stated_speeds(model: ReducedModel, motors: tuple[str, ...], rows: Indices, s
     Raises:
         InvalidInputError: A speed that is not positive, or none stated.
     """
-    most = model.mechanism.joints.velocity[rows] if speed is None else one_each(motors, speed, "speed")
+    most = model.mechanism.joints.velocity[rows] if speed is None else one_each(speed, "speed", len(motors))
     if not (np.isfinite(most) & (most > 0.0)).all():
         raise InvalidInputError(f"speeds of {', '.join(motors)} are {most}; they must be positive: give speed=")
     return np.array(most)
-
-
-def one_each(names: tuple[str, ...], value: ArrayLike, what: str) -> Array:
-    """A number, 0 or more, for each name, or one for all.
-
-    Raises:
-        InvalidInputError: It is neither.
-    """
-    array = numbers(value, what)
-    if array.shape not in ((), (len(names),)) or not (np.isfinite(array) & (array >= 0.0)).all():
-        raise InvalidInputError(f"{what} = {value!r:.80} must be a number, 0 or more, or {len(names)} of them")
-    return np.array(np.broadcast_to(array, (len(names),)))

@@ -9,17 +9,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, choice, instance, matrix, numbers, vector, whole
+from ccpin.arrays import Array, choice, corners, instance, matrix, numbers, one_each, vector, whole
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.proof.facts import Fact, is_fact
 from ccpin.proof.verdict import Judged, Verdict, not_known_of
 from ccpin.simulation.plant.motors import MotorModel
 from ccpin.transmission.limits_search import CLAIMS, FORMS, LimitsSearch, Sought, about, largest
-from ccpin.transmission.motor_bounds import one_each, stated_efforts, stated_speeds, up_to_speed
+from ccpin.transmission.motor_bounds import stated_efforts, stated_speeds, up_to_speed
 from ccpin.transmission.posture import Posture
 from ccpin.transmission.transmission import Transmission
 from ccpin.validated.programs.branch_claim import BranchOverCells
-from ccpin.validated.programs.certifying import corners_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,7 +143,7 @@ def certify_limits(
         UnreachableError, SingularConfigurationError: The region's middle is not on the reference's branch.
     """
     n = instance(transmission, "transmission", Transmission).n
-    lower, upper = corners_of(region, "region", n)
+    lower, upper = corners(region, "region", n)
     choice(of, "of", tuple(CLAIMS))
     choice(form, "form", FORMS)
     given = None if size is None else _size(size, "size", n, form)
@@ -182,8 +181,8 @@ def _sought(
         return Sought(of, form, stated_speeds(model, names, rows, speed), np.zeros(transmission.n))
     least, most = stated_efforts(model, names, effort)
     stated = model.mechanism.joints
-    level = np.array(stated.breakaway[rows]) if friction is None else one_each(names, friction, "friction")
-    fastest = np.zeros(transmission.n) if speed is None else one_each(names, speed, "speed")
+    level = np.array(stated.breakaway[rows]) if friction is None else one_each(friction, "friction", len(names))
+    fastest = np.zeros(transmission.n) if speed is None else one_each(speed, "speed", len(names))
     room = up_to_speed(model, motors, stated.damping[rows], fastest, np.minimum(most, -least))
     if not (room > level).all():
         raise InvalidInputError(f"every motor must give both ways past friction {level}: {least} … {most}, left {room}")

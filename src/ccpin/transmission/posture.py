@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, frozen, instance, matrix, numbers, vector
+from ccpin.arrays import Array, frozen, instance, matrix, numbers, one_each, vector
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import SingularConfigurationError
 from ccpin.kinematics.sigma_derivatives import SigmaDerivatives
 from ccpin.simulation.plant.motors import MotorModel
-from ccpin.transmission.motor_bounds import at_speed, less_friction, one_each, stated_efforts, stated_speeds
+from ccpin.transmission.motor_bounds import at_speed, less_friction, stated_efforts, stated_speeds
 from ccpin.transmission.polytopes import Polytope
 from ccpin.transmission.sides import Side
 
@@ -243,7 +243,7 @@ class Posture:
         if motors is not None and instance(motors, "motors", MotorModel).speeds:
             lower, upper = at_speed(models.joint, motors, self.state, velocity, lower, upper)
         stated = models.joint.mechanism.joints.breakaway[models.motors.rows]
-        level = stated if friction is None else one_each(models.motors.names, friction, "friction")
+        level = stated if friction is None else one_each(friction, "friction", len(stated))
         lower, upper = less_friction(lower, upper, level, moving)
         return Polytope(self.jacobian.T, self.inverse.T, lower, upper, models.joints.names, models.motors.names)
 

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import re
 from email.utils import parseaddr
-from functools import partial
 from importlib.resources import files
 from itertools import product
 from pathlib import Path
-from typing import IO
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, instance, vector, whole
+from ccpin.arrays import Array, corners, instance, whole
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.files import writable_folder, write_atomically
+from ccpin.files import writable_folder, write_text
 from ccpin.programs.c_code import identifier
 from ccpin.programs.c_export import header
 from ccpin.programs.program import Program
@@ -79,7 +77,7 @@ def export_ros2(
     called = _package_name(re.sub("_+", "_", identifier(title).lower())[:_LONGEST] if name is None else name)
     words = {"NAME": called, "TITLE": _one_line(title), "TITLE_XML": escape(_one_line(title))}
     words |= _people(maintainer, license)
-    box = None if region is None else _box(region, transmission.n)
+    box = None if region is None else corners(region, "region", transmission.n)
     programs: dict[Given, Program] = {given: transmission.program(given, steps=3) for given in _SIDES}
     if box is not None:
         programs = _proved(transmission, programs, *box, max_cells)
@@ -94,13 +92,9 @@ def export_ros2(
     for file, text in texts.items():
         path = into / file.replace("@NAME@", called)
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, "w", partial(_write, text))
+        write_text(path, text)
         paths.append(path)
     return tuple(paths)
-
-
-def _write(text: str, file: IO[str]) -> None:
-    file.write(text)
 
 
 def _texts() -> Path:
@@ -185,20 +179,6 @@ def _tested(transmission: Transmission, by_joints: Program) -> dict[str, str]:
 
 def _row(numbers: ArrayLike) -> str:
     return ", ".join(map(repr, np.asarray(numbers, dtype=np.float64).tolist()))
-
-
-def _box(region: tuple[ArrayLike, ArrayLike], n: int) -> tuple[Array, Array]:
-    """Lower and upper q_j.
-
-    Raises:
-        InvalidInputError: They are none.
-    """
-    if not isinstance(region, tuple | list) or len(region) != 2:
-        raise InvalidInputError("region must be the lower and the upper numbers of q_j")
-    lower, upper = vector(region[0], "region[0]", n), vector(region[1], "region[1]", n)
-    if not (lower < upper).all():
-        raise InvalidInputError("region: every lower number must be below the upper one")
-    return lower, upper
 
 
 def _proved(

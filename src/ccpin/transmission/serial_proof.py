@@ -86,9 +86,7 @@ def _on(scene: TapedModel, other: TapedModel, quantity: Quantity) -> Table:
     """A quantity of another model of the same numbers, on a scene's tape."""
     table = quantity.record(other)
     entries = scene.tape.inlined(other.tape.code(table.ravel().tolist()), scene.tape.inputs)
-    found = np.empty(table.size, dtype=object)
-    found[:] = entries
-    return found.reshape(table.shape)
+    return np.array(entries, dtype=object).reshape(table.shape)
 
 
 def spectral_bound(bounds: Array) -> float:

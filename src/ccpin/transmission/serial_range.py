@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, vector, whole
+from ccpin.arrays import Array, corners, whole
 from ccpin.errors import InvalidInputError
 from ccpin.transmission.motor_bounds import stated_efforts, stated_speeds
 from ccpin.transmission.motor_limits import LimitsCertificate, certify_limits
@@ -38,11 +37,7 @@ def reached(transmission: Transmission, region: tuple[ArrayLike, ArrayLike] | No
         InvalidInputError: Of a region something is not reached, or outside other joints' limits; or of any range.
     """
     if region is not None:
-        if not isinstance(region, Sequence) or isinstance(region, str) or len(region) != 2:
-            raise InvalidInputError("region must be the lower and the upper numbers of q_j")
-        ends = [vector(end, f"region[{k}]", transmission.n) for k, end in enumerate(region)]
-        if not (ends[0] < ends[1]).all():
-            raise InvalidInputError("region: every lower number must be below the upper one")
+        ends = corners(region, "region", transmission.n)
         found = survey(transmission, *ends, count=count)
         lacking = _lacking(found)
         if lacking:

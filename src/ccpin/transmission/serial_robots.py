@@ -15,7 +15,7 @@ from ccpin.arrays import Array, instance, vector, whole
 from ccpin.description.formats import format_of, write_description
 from ccpin.description.model import MechanismDescription
 from ccpin.errors import InvalidInputError
-from ccpin.files import write_atomically
+from ccpin.files import write_text
 from ccpin.programs.program import Program
 from ccpin.transmission.equivalent_masses import Additions, equivalent
 from ccpin.transmission.motor_limits import LimitsCertificate
@@ -139,7 +139,7 @@ class SerialRobot:
         text = Path(path).read_text(encoding="utf-8")
         first, _, rest = text.partition("\n")
         lines = "\n     ".join(line.replace("--", "- -") for line in self.told())
-        write_atomically(path, "w", lambda file: file.write(f"{first}\n<!-- {lines} -->\n{rest}"))
+        write_text(path, f"{first}\n<!-- {lines} -->\n{rest}")
         return notes
 
 

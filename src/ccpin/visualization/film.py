@@ -14,7 +14,7 @@ import numpy as np
 
 from ccpin.arrays import listener, positive, whole
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.files import writable_target, write_atomically
+from ccpin.files import writable_target, write_atomically, write_text
 from ccpin.visualization.browser import BrowserPage
 
 PAGES = (".html", ".htm")
@@ -73,7 +73,7 @@ def write(shot: Shot, page: str, frames: int, progress: Callable[[int, int], Non
     """
     told = listener(progress)
     if shot.ending in PAGES:
-        write_atomically(shot.target, "w", lambda file: file.write(page))
+        write_text(shot.target, page)
         return shot.target
     encode = {".mp4": _mp4, ".gif": _gif, ".png": _png}[shot.ending]
     with tempfile.TemporaryDirectory(prefix="ccpin-film-") as folder:

@@ -12,38 +12,25 @@ _PROPOSED = "boxes and cells that are tried: `proof.facts.prove` checks them, wh
 ROOMS: tuple[Room, ...] = (
     Room(
         "domain/atlas/refuting",
-        ("refutation_of", "_witness_from", "_corners"),
         ("domain/atlas/test_sharp_refuting.py",),
         (("still = PPoly(", "", "a walker that stays where it is"),),
     ),
+    Room("domain/atlas/cover", _RADII),
     Room(
         "domain/atlas/cover",
-        (
-            "SquareNorm.of",
-            "AtlasBuilder.keep",
-            "AtlasBuilder.radius",
-            "AtlasBuilder._edge",
-            "AtlasBuilder.distance",
-            "AtlasBuilder.edges",
-        ),
-        _RADII,
-    ),
-    Room(
-        "domain/atlas/cover",
-        ("AtlasBuilder.wave",),
         _ANSWERS,
         (
             ("if len(self.boxes.kappa) >= self._budget", "", _HALVED),
             ("stretch[tried] = found.stretch", "", _HALVED),
             ("if not len(self.boxes.kappa) and children.size", "", _HALVED),
         ),
+        places=("AtlasBuilder.wave",),
     ),
-    Room("domain/atlas/certifying", ("certify_region",), _ANSWERS, (("if not kept.all()", "", _PROPOSED),)),
-    Room("domain/atlas/radius_map", ("certified_radius", "without_sigma", "_bordering", "_distance"), _RADII),
-    Room("domain/atlas/square", ("largest_square", "_squares", "newton_bound"), _RADII),
+    Room("domain/atlas/certifying", _ANSWERS, (("if not kept.all()", "", _PROPOSED),)),
+    Room("domain/atlas/radius_map", _RADII),
+    Room("domain/atlas/square", _RADII),
     Room(
         "domain/atlas/emptying",
-        ("_WORTH", "prove_empty", "search_empty", "empty_facts", "_mark"),
         ("domain/atlas/test_sharp_emptying.py",),
         (
             (
@@ -57,43 +44,21 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "domain/atlas/atlas",
-        (
-            "Atlas.one_function",
-            "Atlas._whole",
-            "Atlas.lower",
-            "Atlas.upper",
-            "Atlas.contains",
-            "Atlas.status",
-            "Atlas.sigma",
-            "Atlas.verify",
-            "Atlas._box_numbers",
-            "Atlas._cells_of",
-        ),
         _ANSWERS,
         (("if self.single_valued or not count", "not asked: not count", "where no box is none is unglued"),),
     ),
     Room(
         "domain/atlas/atlas",
-        ("Atlas.__getstate__", "Atlas._known", "Atlas._boxes_known", "Atlas.witness"),
         ("domain/test_pickled_certificates.py",),
         (
             ("is_fact(fact, SolutionsInBoxes)", "any instead of all", "they are pickled together"),
             ("if self._whole or not", "not asked: self._whole", "where all is certified nothing refutes it"),
         ),
+        places=("Atlas.__getstate__", "Atlas._known", "Atlas._boxes_known", "Atlas.witness"),
     ),
-    Room("domain/atlas/merged", ("merge_atlases", "_refuse_others"), _ANSWERS),
+    Room("domain/atlas/merged", _ANSWERS),
     Room(
         "domain/documents/checked",
-        (
-            "_LARGEST",
-            "_UNIT",
-            "checked_closures",
-            "_checked_joints",
-            "checked_region",
-            "checked_cells",
-            "checked_boxes",
-            "_require_moderate",
-        ),
         _FILES,
         (
             (
@@ -104,9 +69,9 @@ ROOMS: tuple[Room, ...] = (
             ("CellStatus.SPLIT, child >= 0", "0 left out", "the first cell is nobody's child: `halved` refuses it"),
         ),
     ),
-    Room("domain/documents/kinds", ("ATLAS", "SHEETS", "CURVES"), _FILES),
-    Room("domain/documents/store", ("pack", "unpack"), _FILES),
-    Room("domain/merging", ("_sources",), _FILES),
+    Room("domain/documents/kinds", _FILES),
+    Room("domain/documents/store", _FILES),
+    Room("domain/merging", _FILES),
 )
 
 EXCUSED: tuple[Excused, ...] = (

@@ -11,15 +11,6 @@ _BEGUN = "where Newton's method begins and what is tried: `certify_boxes` proves
 ROOMS: tuple[Room, ...] = (
     Room(
         "covering/region",
-        (
-            "Region.width",
-            "Region.span",
-            "Region.position",
-            "Region.cell_coordinates",
-            "Region.reduce",
-            "corners_of",
-            "points_of",
-        ),
         _TESTS,
         (
             ("found -= (found > 0.0)", "not asked: found > 0.0", "no point within is below the lower corner"),
@@ -29,18 +20,6 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "covering/cells",
-        (
-            "CellTree.whole",
-            "CellTree.split",
-            "CellTree.put",
-            "CellTree.leaves",
-            "CellTree.overlapping",
-            "CellTree.locate",
-            "place",
-            "leaves_holding",
-            "leaves_about",
-            "Growing.add",
-        ),
         _TESTS,
         (
             ("leaves = np.flatnonzero(self.child < 0)", "0 let in", "no half is the region"),
@@ -49,26 +28,10 @@ ROOMS: tuple[Room, ...] = (
             ("if self._count > len(self._buffers[0])", "", "how much room a buffer has"),
         ),
     ),
-    Room("covering/faces", ("_across",), _TESTS),
-    Room(
-        "covering/pruning",
-        ("Pruning.__init__", "Pruning.settled", "Pruning._narrowed"),
-        _TESTS,
-    ),
+    Room("covering/faces", _TESTS),
+    Room("covering/pruning", _TESTS),
     Room(
         "covering/merging",
-        (
-            "_TURN",
-            "_SPARE",
-            "_SPARE_ROUNDINGS",
-            "CellOffset.of",
-            "whole_region",
-            "grafted",
-            "_cut",
-            "_place",
-            "_aligned",
-            "_graft",
-        ),
         ("covering/test_sharp_merging.py",),
         (
             ("exact = [k", "not asked: np.array_equal(places[k][0], lower)", "a part lies in the cells it is held for"),
@@ -77,7 +40,6 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "covering/proposals/krawczyk",
-        ("certify_boxes", "_attempt"),
         _TRIED,
         (
             ("if not retry.size", "not asked: not retry.size", "what is tried again may be nothing"),
@@ -86,10 +48,9 @@ ROOMS: tuple[Room, ...] = (
             ("candidates = np.flatnonzero", "any instead of all", "R is found in all rows or in none"),
         ),
     ),
-    Room("covering/proposals/solving", ("glued",), _TRIED),
+    Room("covering/proposals/solving", _TRIED),
     Room(
         "covering/proposals/tasks",
-        ("glue_task", "prove", "_spread", "_turned", "_parts"),
         _TRIED,
         (
             ("theta[:, system.dependent] += apply", "", _BEGUN),
@@ -98,12 +59,8 @@ ROOMS: tuple[Room, ...] = (
             ("movable & np.isfinite(turns)", "not asked: np.isfinite(turns)", "nothing is proved about no numbers"),
         ),
     ),
-    Room(
-        "covering/runner",
-        ("ChunkStore.__init__", "ChunkStore.key", "ChunkStore.load", "_checksum", "Runner.map"),
-        _CHUNKS,
-    ),
-    Room("covering/sources", ("_digest",), _CHUNKS),
+    Room("covering/runner", _CHUNKS),
+    Room("covering/sources", _CHUNKS),
 )
 
 EXCUSED: tuple[Excused, ...] = (

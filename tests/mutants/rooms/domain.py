@@ -14,20 +14,11 @@ _MOTION = "control/stability/tracking/test_motion_bounds.py"
 ROOMS: tuple[Room, ...] = (
     Room(
         "control/stability/set_point/potential",
-        ("_remainder", "_slope_bound", "_curvature_change", "_inverse_bound", "_variation", "_symmetric"),
         ("control/stability/set_point/test_sharp_gravity.py",),
+        places=("_remainder", "_slope_bound", "_curvature_change", "_inverse_bound", "_variation", "_symmetric"),
     ),
     Room(
         "control/stability/set_point/potential",
-        (
-            "GravityBounds.norm",
-            "GravityBounds.spread",
-            "_expand",
-            "_slopes",
-            "Potential.magnitude",
-            "_potential",
-            "potential_values",
-        ),
         (
             "control/stability/set_point/test_sharp_gravity.py",
             "control/stability/set_point/test_sharp_potential.py",
@@ -38,16 +29,15 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "control/stability/set_point/set_point_reading",
-        ("masses_of", "_padded"),
         ("control/stability/set_point/test_sharp_potential.py", "control/stability/set_point/test_sharp_sets.py"),
         (
             ("if number == 0 or inertia.mass", "not asked: inertia.mass", "what has no mass weighs nothing"),
             ("if number == 0 or inertia.mass", "not asked: number == 0", "the tree keeps no mass of its base"),
         ),
+        places=("masses_of", "_padded"),
     ),
     Room(
         "domain/paths/pieces",
-        ("_CONTINUOUS", "pieces_of", "_increasing", "_polynomials"),
         ("domain/paths/test_sharp_pieces.py",),
         (
             ('raise InvalidInputError(f"the path', "", "words"),
@@ -57,15 +47,6 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "domain/workspaces/largest",
-        (
-            "LargestWorkspace.obstacle",
-            "LargestWorkspace.upper",
-            "LargestWorkspace.contains",
-            "LargestWorkspace._distance",
-            "_LargestProblem.region",
-            "_goal",
-            "_largest",
-        ),
         _SPACES,
         (("(edges[across] < np.inf)", "left × 0.5", "half of what is not finite is not either"),)
         + tuple(
@@ -80,7 +61,6 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "domain/workspaces/workspace",
-        ("TaskProblem.moved_to", "task_problem", "_region", "_first", "_limits"),
         _SPACES,
         (
             ("least = number(", "", "any number below 0 lets 0 in and keeps others out"),
@@ -88,54 +68,19 @@ ROOMS: tuple[Room, ...] = (
             ("if turns and slides and", "not asked: slides", "without positions all would be held, which is refused"),
         ),
     ),
-    Room(
-        "domain/closures/system",
-        (
-            "reading_of",
-            "_refuse_redundant",
-            "_ChainCollector.add_rod",
-            "_ChainCollector.add_loop",
-            "_ChainCollector.add_couplings",
-            "_ChainCollector.add_chain",
-            "steps_along",
-            "_ends",
-        ),
-        _READING,
-    ),
-    Room(
-        "domain/closures/rods",
-        (
-            "_IN_PLANE",
-            "Rod.planar",
-            "Rod.steps",
-            "rod_length",
-            "rod_of",
-            "gap_seen_from_a",
-            "_moved",
-        ),
-        _READING,
-    ),
-    Room(
-        "domain/closures/scalar_coordinates",
-        ("Chart.theta", "Chart.configuration", "elementary_joints", "independent_indices"),
-        _READING,
-    ),
+    Room("domain/closures/system", _READING),
+    Room("domain/closures/rods", _READING),
+    Room("domain/closures/scalar_coordinates", _READING),
     Room(
         "domain/closures/task_coordinates",
-        ("TaskSpace.steps_from", "task_space", "_named", "_steps", "_held"),
         _READING,
         (("joint_b=len(tree.joints) + 1", "", "closures are read along their paths alone"),),
     ),
-    Room("domain/closures/packing", ("same_reading", "pack_reading", "_pack_system", "_pack_rod"), _READING),
-    Room(
-        "domain/closures/searchable",
-        ("_SLACK", "region_of", "_limits", "check_searchable", "region_about", "searched_ranges", "all_values"),
-        _SEARCHED,
-    ),
-    Room("domain/closures/seeds", ("checked_configuration", "seed_at_coordinates"), _SEARCHED),
+    Room("domain/closures/packing", _READING),
+    Room("domain/closures/searchable", _SEARCHED),
+    Room("domain/closures/seeds", _SEARCHED),
     Room(
         "domain/paths/refutation",
-        ("singular_witness",),
         ("domain/paths/test_sharp_refutation.py",),
         (
             ("directions = directions[np.any(", "", _CURVE),
@@ -145,7 +90,6 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "domain/paths/obstacles",
-        ("_SHARES", "demand_witnesses", "_walked", "_failing", "_failure", "_place", "_sign"),
         ("domain/paths/test_sharp_obstacles.py",),
         (
             ("if last is None or kind", "not asked: last", "nothing fails where there is no place"),
@@ -168,15 +112,6 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "domain/paths/path",
-        (
-            "_STRAIGHT",
-            "CertifiedPath.verdict",
-            "CertifiedPath.sigma",
-            "certify_path",
-            "_refuted",
-            "_next_knot",
-            "_targets",
-        ),
         ("domain/paths/test_sharp_path.py",),
         (
             ("shares = np.max(", "1e-300", "what is divided where the tube has no width is not looked at"),
@@ -185,28 +120,39 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "domain/paths/path",
-        ("CertifiedPath.reason", "CertifiedPath.replay"),
         (
             "domain/test_pickled_certificates.py",
             "domain/paths/test_sharp_path.py",
         ),
+        places=("CertifiedPath.reason", "CertifiedPath.replay"),
     ),
     Room(
         "domain/paths/walker",
-        ("Walker.boxes", "Walker.back", "Walker.step", "Walker._seam", "Walker._continues", "Walker._end"),
         ("domain/paths/test_sharp_walker.py",),
         (("ends = ends[ends > here]", "left × 2", "strides lead ahead, or nowhere"),),
     ),
-    Room("domain/paths/walker", ("Walker.point_here", "Walker.leads_to"), ("domain/paths/test_sharp_refutation.py",)),
+    Room(
+        "domain/paths/walker",
+        ("domain/paths/test_sharp_refutation.py",),
+        places=("Walker.point_here", "Walker.leads_to"),
+    ),
     Room(
         "proof/chords",
-        ("Chord.middle", "Chord.along", "chords_of", "_bernstein", "_to_bernstein"),
         ("domain/paths/test_sharp_pieces.py", "control/stability/tracking/test_sharp_cell_forms.py"),
         (("deviation = away.max(axis=0)", "4 × ", "more than the roundings of the sum above it"),),
     ),
     Room(
         "control/stability/tracking/motion_bounds",
         (
+            *(
+                f"{_MOTION}::{test}[{name}]"
+                for name in ("sprung", "slider_crank", "rpdr")
+                for test in ("test_at_one_configuration_they_are_the_model", "test_over_sets_they_hold_their_members")
+            ),
+            "control/stability/tracking/test_sharp_masses.py",
+            f"{_MOTION}::test_at_one_configuration_they_are_the_model[delta]",
+        ),
+        places=(
             "Tips.third_along",
             *("tips_of", "gathered"),
             "Reduced.__init__",
@@ -220,19 +166,9 @@ ROOMS: tuple[Room, ...] = (
             "_FreeForce.__init__",
             "placed",
         ),
-        (
-            *(
-                f"{_MOTION}::{test}[{name}]"
-                for name in ("sprung", "slider_crank", "rpdr")
-                for test in ("test_at_one_configuration_they_are_the_model", "test_over_sets_they_hold_their_members")
-            ),
-            "control/stability/tracking/test_sharp_masses.py",
-            f"{_MOTION}::test_at_one_configuration_they_are_the_model[delta]",
-        ),
     ),
     Room(
         "control/stability/tracking/mass_reading",
-        ("_DATA", "bodies_on_joints_of"),
         (
             *(
                 f"{_MOTION}::test_at_one_configuration_they_are_the_model[{name}]"

@@ -42,10 +42,11 @@ _STRUCTURE = (
 _DEPENDENT = ("identification/test_dependent_columns.py", "identification/test_sharp_dependent_columns.py")
 
 ROOMS = (
-    Room("identification/combinations/exact_spaces", ("reduced", "null_space", "invariant_span"), _SPANS),
+    Room("identification/combinations/exact_spaces", _SPANS),
     Room(
         "identification/combinations/vanishing",
-        (
+        _STRUCTURE,
+        places=(
             *(
                 "identities",
                 "_unseen",
@@ -59,11 +60,11 @@ ROOMS = (
             ),
             *("BodyMotions.level", "BodyMotions.felt", "BodyMotions.seen_from", "BodyMotions.moved", "MOVES", "_PAIRS"),
         ),
-        _STRUCTURE,
     ),
     Room(
         "identification/combinations/identification_equations",
-        (
+        _CLAIMS,
+        places=(
             "IdentificationEquations.__post_init__",
             "IdentificationEquations.sizes",
             "IdentificationEquations.identities",
@@ -73,43 +74,32 @@ ROOMS = (
             "IdentificationEquations.frictions",
             *("_stretched", "_masses", "_weights", "_cross", "_sign"),
         ),
-        _CLAIMS,
     ),
-    Room(
-        "identification/combinations/rank_claims",
-        ("IndependentColumns.examined", "VanishingCombinations.examined"),
-        _CLAIMS,
-    ),
+    Room("identification/combinations/rank_claims", _CLAIMS),
     Room(
         "identification/combinations/dependent_columns",
-        (
-            *("reach", "branch_of", "everywhere", "fastest_of", "_sure", "rubbing_of"),
-            *(f"DependentColumns.{name}" for name in ("examined", "_seen", "_left", "_by_size")),
-        ),
         _DEPENDENT,
         (
             ("row[its[number]] = -other if", "0 let in", "either sign may be taken"),
             ("require(len({level > 0.0", "0 let in", "levels that are 0 are left out"),
         ),
+        places=(
+            *("reach", "branch_of", "everywhere", "fastest_of", "_sure", "rubbing_of"),
+            *(f"DependentColumns.{name}" for name in ("examined", "_seen", "_left", "_by_size")),
+        ),
     ),
     Room(
         "identification/adaptive/regressor_bounds",
-        (
+        ("identification/test_regressor_bounds.py",),
+        places=(
             *("TIPS", "TEN", "OF_A_JOINT", "pseudo_inertia", "frames_of", "Shares.of"),
             *(f"RegressorBounds.{name}" for name in ("__init__", "inertia", "columns", "rates")),
             *(f"RegressorBounds.{name}" for name in ("_along", "_bent", "_pulled", "_second", "_at_rest")),
             *(f"RegressorBounds.{name}" for name in ("_on_joints", "_on_bodies")),
         ),
-        ("identification/test_regressor_bounds.py",),
     ),
     Room(
         "identification/adaptive/adaptive_equations",
-        (
-            *("_ADDS", "_DEFINITE", "_definite", "AdaptiveEquations.__post_init__", "AdaptiveEquations.sizes"),
-            *("AdaptiveEquations.digest", "AdaptiveEquations.shares", "AdaptiveEquations.adds"),
-            *("AdaptiveEquations.masses", "AdaptiveEquations.bodies", "AdaptiveEquations.motion"),
-            "AdaptiveEquations.__reduce__",
-        ),
         _EQUATIONS,
         (
             (
@@ -118,19 +108,17 @@ ROOMS = (
                 "where there is a 0, or less, none is definite whatever the others are",
             ),
         ),
+        places=(
+            *("_ADDS", "_DEFINITE", "_definite", "AdaptiveEquations.__post_init__", "AdaptiveEquations.sizes"),
+            *("AdaptiveEquations.digest", "AdaptiveEquations.shares", "AdaptiveEquations.adds"),
+            *("AdaptiveEquations.masses", "AdaptiveEquations.bodies", "AdaptiveEquations.motion"),
+            "AdaptiveEquations.__reduce__",
+        ),
     ),
-    Room(
-        "identification/adaptive/adaptive_states",
-        ("_APART", "_MENDED", "AdaptiveStates.chunk", "SmoothCells.of", "_jump", "states_of", "_with_more"),
-        _LEVELS,
-    ),
-    Room("identification/adaptive/adaptive_bounds", ("_joined", "_part", "_middle", "_combined"), _LEVELS),
+    Room("identification/adaptive/adaptive_states", _LEVELS),
+    Room("identification/adaptive/adaptive_bounds", _LEVELS),
     Room(
         "identification/adaptive/adaptive_levels",
-        (
-            *("_CLEAR", "_ROOM", "AdaptiveLevels.bound", "AdaptiveLevels.needed", "AdaptiveLevels.held", "levels_of"),
-            *("_squared", "grip_of", "delayed", "_lately", "decay_of", "carried"),
-        ),
         _LEVELS,
         (
             (
@@ -139,19 +127,19 @@ ROOMS = (
                 "what is above a half proves ρ < 1 as well, and then W is what was solved for",
             ),
         ),
+        places=(
+            *("_CLEAR", "_ROOM", "AdaptiveLevels.bound", "AdaptiveLevels.needed", "AdaptiveLevels.held", "levels_of"),
+            *("_squared", "grip_of", "delayed", "_lately", "decay_of", "carried"),
+        ),
     ),
-    Room(
-        "identification/adaptive/adaptive_tube_claim",
-        ("AdaptiveTube.examined", "AdaptiveTube._cells", "AdaptiveTube._smooth"),
-        _ADAPTIVE,
-    ),
+    Room("identification/adaptive/adaptive_tube_claim", _ADAPTIVE),
     Room(
         "identification/adaptive/adaptive_certificate",
-        (
+        _TOLD,
+        places=(
             *(f"AdaptiveCertificate.{name}" for name in ("verdict", "_known", "_beyond", "sliding", "efforts")),
             *("AdaptiveCertificate.mean_square", "certify_adaptive", "equations_of", "_motors_of", "_check"),
         ),
-        _TOLD,
     ),
 )
 

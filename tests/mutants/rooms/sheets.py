@@ -7,22 +7,10 @@ from tests.mutants.room import Excused, Room
 _ANSWERS = ("domain/sheets/test_sharp_answers.py",)
 _FRONT = ("domain/sheets/test_sharp_front.py",)
 ROOMS: tuple[Room, ...] = (
-    Room("domain/sheets/sheet_claims", ("ProvedSheets.glued", "ProvedSheets.says", "mark"), _ANSWERS),
-    Room("domain/sheets/cover", ("Front._continued", "Front._first", "Front._try"), _FRONT),
+    Room("domain/sheets/sheet_claims", _ANSWERS),
+    Room("domain/sheets/cover", _FRONT, places=("Front._continued", "Front._first", "Front._try")),
     Room(
         "domain/sheets/cover",
-        (
-            "parts_of",
-            "Front.__init__",
-            "Front._wave",
-            "Front._carry",
-            "Front._pass",
-            "Front._known",
-            "Front._over",
-            "Front._add",
-            "Front._split",
-            "glued_pairs",
-        ),
         ("domain/sheets/test_sharp_carrying.py",),
         (
             ("waiting = leaves[(self.tree.status", "not asked: self.part", "none beside it is certified of no part"),
@@ -31,7 +19,6 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "domain/sheets/seams",
-        ("near_folds", "cross"),
         ("domain/sheets/test_sharp_seams.py",),
         (
             ("away <= _REACH", "any instead of all", "which proved folds are followed"),
@@ -40,37 +27,16 @@ ROOMS: tuple[Room, ...] = (
             ("k = int(np.clip(", "without 2", "a curve that is walked goes beyond its middle"),
         ),
     ),
-    Room(
-        "domain/sheets/sheets",
-        (
-            "SheetAtlas.__post_init__",
-            "SheetAtlas.replayed",
-            "SheetAtlas.sheet_of",
-            "SheetAtlas._areas",
-            "SheetAtlas.sheets",
-            "SheetAtlas.counted_fraction",
-            "SheetAtlas.singular_fraction",
-            "SheetAtlas.undecided_fraction",
-            "SheetAtlas.number_of_solutions",
-            "SheetAtlas.sigma",
-            "SheetAtlas.way",
-            "SheetAtlas._turns",
-            "SheetAtlas.cusps",
-            "SheetAtlas._between",
-            "SheetAtlas._over",
-        ),
-        _ANSWERS,
-    ),
+    Room("domain/sheets/sheets", _ANSWERS),
     Room(
         "domain/sheets/certifying",
-        ("certify_sheets", "_begun", "_survey"),
         _ANSWERS,
         (
             ("0.5 * effort.seconds", "", "how long is searched"),
             ("effort.depth + _DEEPER", "", "how far cells are halved"),
         ),
     ),
-    Room("domain/sheets/merged", ("merge_sheets", "_refuse_others"), _ANSWERS),
+    Room("domain/sheets/merged", _ANSWERS),
 )
 
 EXCUSED: tuple[Excused, ...] = (

@@ -14,17 +14,6 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "proof/curves/tubes",
         (
-            "tangents_at",
-            "bounds_of",
-            "certify_tubes",
-            "_room",
-            "_WIDEN",
-            "zeros_in",
-            "places_in",
-            "glued",
-            "_begin_in",
-        ),
-        (
             "proof/curves/test_sharp_tubes.py",
             "proof/curves/test_sharp_places.py",
             "proof/curves/test_sharp_settled_boxes.py",
@@ -33,20 +22,6 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "domain/singular/joining",
-        (
-            "_ROUNDING",
-            "one_of_each",
-            "without_held",
-            "held",
-            "_numbers_of",
-            "_around",
-            "_Pool.of",
-            "_longer",
-            "_meetings",
-            "_closed",
-            "_gone_on",
-            "_if_held",
-        ),
         ("domain/singular/test_sharp_joining.py",),
         (
             ("found[row[~nearby.hold(middle)]] = False", "", "such a piece is halved until there are no halves left"),
@@ -57,7 +32,6 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "domain/singular/following",
-        ("prolonged", "_one_way", "_next"),
         ("domain/singular/test_sharp_following.py",),
         (
             ("if back.inside[0] and", "back", "a look before `glued` is asked, which proves it"),
@@ -68,7 +42,6 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "domain/singular/merged",
-        ("_ALIGNED", "merge_covers", "_refuse_others", "filled", "_stretches", "_between", "_missing"),
         ("domain/singular/test_sharp_merged.py",),
         (
             ("row = int(", "", "which of the limits are named"),
@@ -79,15 +52,6 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "proof/curves/settled_boxes",
-        (
-            "settled_beside",
-            "settled",
-            "extents",
-            "kernels",
-            "_drawn",
-            "_narrowed",
-            "_inside",
-        ),
         ("proof/curves/test_sharp_settled_boxes.py",),
         (
             ("most = solve_many(", "", "any u > 0 will do: it is checked below"),
@@ -97,40 +61,13 @@ ROOMS: tuple[Room, ...] = (
             ("going = ~settled_now &", "", "how often a box is narrowed: only what is empty or inside is settled"),
         ),
     ),
-    Room(
-        "proof/curves/tube_claims",
-        ("SingularTubes.examined", "tubes_of", "GluedTubes.examined"),
-        ("proof/curves/test_sharp_tube_claims.py",),
-    ),
-    Room(
-        "proof/curves/singular_covers",
-        (
-            "narrowed_to_singular",
-            "halved_steepest",
-            "SingularCovered.examined",
-            "_pruned",
-            "covers",
-        ),
-        ("proof/curves/test_sharp_singular_covers.py",),
-    ),
-    Room(
-        "domain/singular/box_tasks",
-        ("narrow_boxes", "narrow_task", "settle_boxes", "settle_task", "_parts"),
-        ("domain/singular/test_sharp_box_tasks.py",),
-    ),
-    Room(
-        "domain/singular/curve_claims",
-        ("proved_tubes", "proved_chains", "_unbroken", "proved_cover"),
-        ("domain/singular/test_sharp_curve_claims.py",),
-    ),
-    Room(
-        "domain/singular/cover",
-        ("CurveSearch.run", "CurveSearch._kept"),
-        ("domain/singular/test_sharp_cover.py",),
-    ),
+    Room("proof/curves/tube_claims", ("proof/curves/test_sharp_tube_claims.py",)),
+    Room("proof/curves/singular_covers", ("proof/curves/test_sharp_singular_covers.py",)),
+    Room("domain/singular/box_tasks", ("domain/singular/test_sharp_box_tasks.py",)),
+    Room("domain/singular/curve_claims", ("domain/singular/test_sharp_curve_claims.py",)),
+    Room("domain/singular/cover", ("domain/singular/test_sharp_cover.py",)),
     Room(
         "domain/singular/marking",
-        ("mark_singular", "_marked", "mark_in_cells"),
         ("domain/singular/test_sharp_marking.py",),
         (
             ("size = max(1, ", "", "sizes of work"),
@@ -141,36 +78,14 @@ ROOMS: tuple[Room, ...] = (
             ("part = ", "", "sizes of work"),
         ),
     ),
-    Room(
-        "domain/singular/sampled",
-        ("_NEAR", "SingularCurve.verdict", "_proved_near"),
-        ("domain/singular/test_sharp_marking.py",),
-    ),
+    Room("domain/singular/sampled", ("domain/singular/test_sharp_marking.py",)),
     Room(
         "domain/singular/curve",
-        ("_AGAIN", "_ROUNDED", "CertifiedCurve.points", "as_curve", "holds"),
         ("domain/singular/test_sharp_curve_answers.py",),
         (("still = bool(", "", "what kind a curve is told to be: its class says that it is not proved"),),
     ),
     Room(
         "domain/singular/curves",
-        (
-            "_TOUCHING",
-            "SingularCover.curve_of",
-            "SingularCover.is_uncovered",
-            "SingularCover.crossed",
-            "SingularCover.verify",
-            "SingularCover.verdict",
-            "SingularCover._whole",
-            "SingularCover.load",
-            "SingularCover.replayed",
-            "searched",
-            "concluded",
-            "_again",
-            "_uncovered",
-            "_waiting",
-            "_cells",
-        ),
         ("domain/singular/test_sharp_curve_answers.py",),
         (
             ("if not self.curves or", "", "without curves, or configurations, there is nothing to look for"),

@@ -10,121 +10,45 @@ _ADDED = ("control/stability/set_point/test_sets_of_robots.py::test_what_a_set_a
 _SUBLEVEL = ("control/stability/set_point/test_sharp_sublevel.py",)
 _TRACKING = ("control/stability/tracking/test_sharp_tracking.py",)
 ROOMS: tuple[Room, ...] = (
-    Room(
-        "control/stability/set_point/certified_cells",
-        (
-            "holding",
-            "CellStore.split",
-            "CellStore.prove_from",
-            "CellStore.halve_proved",
-            "CellStore._settle",
-        ),
-        ("control/stability/set_point/test_sharp_cells.py",),
-    ),
+    Room("control/stability/set_point/certified_cells", ("control/stability/set_point/test_sharp_cells.py",)),
     Room(
         "control/stability/set_point/set_point_cells",
-        (
-            "SetPointCells.subjects",
-            "SetPointCells.boxes",
-            "SetPointCells.beside",
-            "SetPointCells.wells",
-            "SetPointCells._require_cells",
-            "SetPointCells.start",
-            "SlopeBounded.examined",
-            "glued_pairs",
-            "_beside",
-            "joined_to",
-            "without",
-        ),
         _SUBLEVEL,
         (
             ("near = np.flatnonzero(np.all((lower", "", "cells apart take nothing away, and fewer cover less"),
             ("require(beta < np.inf", "left × 0.5", "half of ∞ is no less"),
         ),
     ),
+    Room("control/stability/set_point/sublevel_claim", _SUBLEVEL),
+    Room("control/stability/set_point/potential", _ADDED, places=("_ROUNDING", "gravity_bounds", "potential_of")),
+    Room("control/stability/set_point/set_point_reading", _SETS, places=("radii_of",)),
+    Room("control/stability/set_point/set_point_certificate", _SETS, places=("SetPointCertificate._highest",)),
     Room(
-        "control/stability/set_point/sublevel_claim",
-        ("SublevelProved.examined", "SublevelProved._rest", "exposed", "_meets"),
-        _SUBLEVEL,
-    ),
-    Room("control/stability/set_point/potential", ("_ROUNDING", "gravity_bounds", "potential_of"), _ADDED),
-    Room("control/stability/set_point/set_point_reading", ("radii_of",), _SETS),
-    Room("control/stability/set_point/set_point_certificate", ("SetPointCertificate._highest",), _SETS),
-    Room(
-        "control/stability/set_point/set_point_equations", ("SetPointEquations.misjudged", "_bodies", "_gravity"), _SETS
+        "control/stability/set_point/set_point_equations",
+        _SETS,
+        places=("SetPointEquations.misjudged", "_bodies", "_gravity"),
     ),
     Room(
         "proof/equations",
-        ("row_of",),
         ("control/stability/set_point/test_sublevel_claims.py", "control/stability/tracking/test_tube_claims.py"),
+        places=("row_of",),
     ),
     Room(
         "control/stability/set_point/set_point_reading",
-        ("equations_of", "theta_of", "set_point_of"),
         ("control/stability/set_point/test_sublevel_claims.py", "control/stability/set_point/test_sharp_wells.py"),
         (("theta[reading.system.independent] = law.q_d", "", "a configuration at another q is refused"),),
     ),
-    Room(
-        "control/stability/set_point/set_point_equations",
-        (
-            "_OWN",
-            "SetPointEquations.__post_init__",
-            "_require_springs",
-            "_require_law",
-        ),
-        ("control/stability/set_point/test_sublevel_claims.py",),
-    ),
+    Room("control/stability/set_point/set_point_equations", ("control/stability/set_point/test_sublevel_claims.py",)),
     Room(
         "control/stability/set_point/starting_cells",
-        (
-            "_SEAM",
-            "cells_of_atlas",
-            "on_the_line",
-            "_turned_to_the_law",
-            "_turns",
-            "_between",
-            "_glued_pairs",
-            "_touch_on_the_line",
-        ),
         ("control/stability/set_point/test_sharp_starting_cells.py",),
         (("sprung = system.periodic &", "not asked: system.periodic", "what is not periodic is not made so"),),
     ),
-    Room(
-        "control/stability/set_point/set_point_certificate",
-        (
-            "_CLEAR",
-            "SetPointCertificate.verdict",
-            "SetPointCertificate._is_fact",
-            "SetPointCertificate.replay",
-            "SetPointCertificate.assumes",
-            "SetPointCertificate.contains",
-            "MemberCells.near",
-            "SampledRegion.near",
-        ),
-        ("control/stability/set_point/test_sharp_theorem3.py",),
-    ),
-    Room(
-        "control/stability/set_point/theorem3",
-        ("certify_law", "_forceful", "require_certifiable"),
-        ("control/stability/set_point/test_sharp_theorem3.py",),
-    ),
-    Room(
-        "control/stability/tracking/cell_forms",
-        ("WIDEN", "CellForms.thickened", "forms_of", "TimeCells.of", "_kicks", "_errors", "_chord_form"),
-        ("control/stability/tracking/test_sharp_cell_forms.py",),
-    ),
+    Room("control/stability/set_point/set_point_certificate", ("control/stability/set_point/test_sharp_theorem3.py",)),
+    Room("control/stability/set_point/theorem3", ("control/stability/set_point/test_sharp_theorem3.py",)),
+    Room("control/stability/tracking/cell_forms", ("control/stability/tracking/test_sharp_cell_forms.py",)),
     Room(
         "control/stability/tracking/tracking_equations",
-        (
-            "ReferencePieces.derivative",
-            "TrackingEquations.__post_init__",
-            "TrackingEquations.sizes",
-            "TrackingEquations.digest",
-            "TrackingEquations.motion",
-            "finite_vector",
-            "_own_feedback",
-            "own_pieces",
-        ),
         (
             *(
                 f"control/stability/tracking/test_tube_claims.py::{test}"
@@ -136,111 +60,60 @@ ROOMS: tuple[Room, ...] = (
     ),
     Room(
         "control/stability/tracking/tube_claim",
-        ("TubeKept.examined", "TubeKept._levels"),
         ("control/stability/tracking/test_sharp_tube_claim.py", "control/stability/tracking/test_tube_claims.py"),
     ),
     Room(
         "control/stability/tracking/reference_cells",
-        (
-            *("OverCells.subjects", "OverCells.covered", "OverCells.states", "OverCells._cells"),
-            *("OverCells._require_path", "OverCells._require_covered", "OverCells._require_glued"),
-        ),
         ("control/stability/tracking/test_sharp_tube_claim.py", "control/stability/tracking/test_tube_claims.py"),
         (
             ("(1.0 + 8.0 * UNIT_ROUNDOFF)", "8 × 0.9", "1 + 7.2u is 1 + 8u as a double"),
             ("(1.0 + 8.0 * UNIT_ROUNDOFF)", "8 × 1.1", "1 + 8.8u is 1 + 8u as a double"),
         ),
+        places=(
+            *("OverCells.subjects", "OverCells.covered", "OverCells.states", "OverCells._cells"),
+            *("OverCells._require_path", "OverCells._require_covered", "OverCells._require_glued"),
+        ),
     ),
     Room(
         "control/stability/tracking/tube_levels",
-        ("ROOM", "Levels.needed", "Levels.bound", "Levels.held", "levels_of", "_reached"),
         _TRACKING,
         (("if k and kicks[k]", "not asked: kicks[k]", "a level that is raised by nothing is only larger by `SLACK`"),),
     ),
     Room(
         "control/stability/set_point/well",
-        ("_ROUNDING", "Well.range_over", "Well.quadratic", "Well._descend", "wells", "_efforts"),
         _WELLS,
         tuple(
             (line, "", "when a search ends: its point, wherever, gives a bound")
             for line in ("if np.all(np.abs(point - before)", "for _ in range(_SWEEPS if")
         ),
     ),
-    Room(
-        "control/stability/set_point/gains",
-        (
-            "_ABOVE",
-            "_ACCURACY",
-            "_NO_SLOPE",
-            "local_gains",
-            "_damped",
-            "suggest_gains",
-            "_Steepness.effort",
-            "_over_samples",
-            "_over_atlas",
-            "_over_one_cell",
-            "_over_cells",
-            "_proved",
-            "_norm_over",
-            "_what_limits",
-            "_what_is_too_much",
-            "gravity_slope_over",
-        ),
-        _WELLS,
-    ),
-    Room("control/stability/set_point/gains", ("Gains.verdict",), ("domain/test_pickled_certificates.py",)),
-    Room("control/stability/tracking/deviation", ("Deviation.size",), _TRACKING),
-    Room("control/stability/tracking/error_equations", ("equation_of", "_with_feedback"), _TRACKING),
+    Room("control/stability/set_point/gains", _WELLS),
+    Room("control/stability/set_point/gains", ("domain/test_pickled_certificates.py",), places=("Gains.verdict",)),
+    Room("control/stability/tracking/deviation", _TRACKING),
+    Room("control/stability/tracking/error_equations", _TRACKING),
     Room(
         "control/stability/tracking/on_line",
-        ("SigmaKept.examined", "online_demand", "_speed", "_newton", "_worst"),
         (*_TRACKING, "control/stability/tracking/test_tube_claims.py::test_sigma_on_line_is_of_a_tube"),
         (("while error > sigma_error", "steps < _MOST", "how many steps are tried"),),
     ),
     Room(
         "control/stability/tracking/tracking_error",
-        (
-            "TrackingCertificate.verdict",
-            "TrackingCertificate._known",
-            "TrackingCertificate.speeds",
-            "TrackingCertificate.decay",
-            "TrackingCertificate.gain",
-            "TrackingCertificate.unit",
-            "TrackingCertificate.start",
-            "TrackingCertificate.on_line",
-            "_certificate",
-            "bound_at_start",
-            "_check",
-            "require_scalar",
-        ),
         (*_TRACKING, "control/stability/tracking/test_tube_claims.py::test_a_certificate_says_what_its_fact_does"),
     ),
     Room(
         "control/stability/tracking/tube_certificate",
-        tuple(
-            f"TubeCertificate.{name}"
-            for name in ("_known", "replay", "_found", "_bounds", "times", "errors", "error", "ultimate")
-        ),
         (
             *_TRACKING,
             "control/stability/tracking/test_tube_claims.py::test_a_certificate_says_what_its_fact_does",
             "identification/test_adaptive_tube_claims.py",
         ),
+        places=tuple(
+            f"TubeCertificate.{name}"
+            for name in ("_known", "replay", "_found", "_bounds", "times", "errors", "error", "ultimate")
+        ),
     ),
     Room(
         "control/stability/tracking/storage",
-        (
-            "_CLEAR",
-            "_DEFINITE",
-            "floor",
-            "gain",
-            "widths",
-            "_inverse_form",
-            "inverted",
-            "_constant",
-            "storage_of",
-            "_blocks",
-        ),
         ("control/stability/tracking/test_sharp_storage.py", "proof/test_sharp_every.py"),
         (
             ("np.isfinite(inner)", "any instead of all", "an inverse that is not known is infinite in every entry"),

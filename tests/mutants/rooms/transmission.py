@@ -8,14 +8,6 @@ ROOMS = (
     Room(
         "transmission/motor_limits_claim",
         (
-            "MotorLimits.examined",
-            "MotorLimits._used",
-            "EffortsHeld.motor_rows",
-            "SpeedsHeld.matrix",
-            "SpeedsHeld.motor_rows",
-            "balance",
-        ),
-        (
             "transmission/test_motor_limits_claim.py",
             "transmission/test_motor_limits.py",
             "transmission/test_motor_limits.py::test_no_posture_of_the_region_asks_more[100-0.4-64-ankle-box-effort]",

@@ -13,6 +13,7 @@ from ccpin.proof.curves.tube_claims import GluedTubes, SingularTubes, tubes_of
 from ccpin.proof.curves.tubes import stated
 from ccpin.proof.equations import closures_of
 from ccpin.proof.facts import NotProvedError, prove, prove_some
+from tests.support.refusals import refused
 
 REGION = np.radians(((118.0, 52.0), (121.0, 55.0)))  # of the RPDR: a piece of the fold
 
@@ -31,12 +32,6 @@ def others(rpdr):
     """Facts about other closures."""
     longer = ccpin.domain.scaled_links("rpdr", links={"arm": ("link1",)})({"arm": 1.01})
     return certify_singularities(longer, REGION, resolution=0.1).proved
-
-
-def refused(make, *premises):
-    """That no fact comes of a claim, or of what should have been one."""
-    with pytest.raises(NotProvedError):
-        prove(make(), *premises)
 
 
 def changed(claim, change):

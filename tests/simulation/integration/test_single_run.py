@@ -16,11 +16,6 @@ HANGING = np.radians([-82.180, -97.823])
 
 
 @pytest.fixture(scope="module")
-def model() -> ccpin.ReducedModel:
-    return ccpin.ReducedModel(ccpin.load("rpdr"))
-
-
-@pytest.fixture(scope="module")
 def law(model) -> ccpin.control.PDSimpleGravity:
     return ccpin.control.PDSimpleGravity(model, GOAL, K_P, K_V)
 

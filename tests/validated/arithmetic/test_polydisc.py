@@ -7,21 +7,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("flint")
-from ccpin.programs.instructions import (
-    ADD,
-    CONSTANT,
-    COSINE,
-    GAIN,
-    MULTIPLY,
-    PART,
-    SCALE,
-    SINE,
-    SOLVE,
-    SUBTRACT,
-    Code,
-    Instruction,
-    LinearSystem,
-)
+from ccpin.programs.instructions import Code, Instruction, Kind, LinearSystem
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly
 from ccpin.validated.arithmetic.balls import flint
 from ccpin.validated.arithmetic.chebyshev import between, beyond, bounded, waves
@@ -215,8 +201,8 @@ def test_the_largest_row_bounds_all():
 def test_programs():
     """A sum, its slopes, and what is not known over complex numbers."""
     items = (
-        Instruction(ADD, 2, 0, 1),
-        Instruction(GAIN, 3, 2, 0),
+        Instruction(Kind.ADD, 2, 0, 1),
+        Instruction(Kind.GAIN, 3, 2, 0),
     )
     mid = np.zeros((2, len(LINE.exponents)))
     mid[:, 1] = 1.0, 2.0
@@ -306,14 +292,14 @@ def test_programs_of_every_instruction():
     """Values and slopes of (2 − x) y sin x cos x + 3, and A⁻¹b, near ξ = 0, by formulas of numbers."""
     three = flint().arb(3)
     items = (
-        Instruction(CONSTANT, 2, constant=flint().arb(2)),
-        Instruction(SUBTRACT, 3, 2, 0),
-        Instruction(MULTIPLY, 4, 3, 1),
-        Instruction(SINE, 5, 0, 6),
-        Instruction(COSINE, 6, 0, 5),
-        Instruction(MULTIPLY, 7, 4, 5),
-        Instruction(MULTIPLY, 8, 7, 6),
-        Instruction(SCALE, 9, 8, constant=three),
+        Instruction(Kind.CONSTANT, 2, constant=flint().arb(2)),
+        Instruction(Kind.SUBTRACT, 3, 2, 0),
+        Instruction(Kind.MULTIPLY, 4, 3, 1),
+        Instruction(Kind.SINE, 5, 0, 6),
+        Instruction(Kind.COSINE, 6, 0, 5),
+        Instruction(Kind.MULTIPLY, 7, 4, 5),
+        Instruction(Kind.MULTIPLY, 8, 7, 6),
+        Instruction(Kind.SCALE, 9, 8, constant=three),
     )
     mid = np.zeros((2, len(LINE.exponents)))
     mid[:, 0] = x, y = 0.7, 1.3
@@ -324,7 +310,11 @@ def test_programs_of_every_instruction():
     exact = 3 * y * (-s * c + (2 - x) * (c * c - s * s)), 3 * (2 - x) * s * c
     np.testing.assert_allclose(slopes.mid[0, :, 0], exact, rtol=1e-13)
     system = LinearSystem(((0, 1), (1, 2)), ((1, 0), (0, 2)))
-    solve = (items[0], Instruction(SOLVE, 3, None, system), *(Instruction(PART, 4 + k, 3, k) for k in range(4)))
+    solve = (
+        items[0],
+        Instruction(Kind.SOLVE, 3, None, system),
+        *(Instruction(Kind.PART, 4 + k, 3, k) for k in range(4)),
+    )
     program = Code(8, 2, solve, (4, 5, 6, 7))
     found = evaluated(program, inputs).values
     np.testing.assert_allclose(found.mid[:, 0], np.linalg.solve([[x, y], [y, 2]], [[y, x], [x, 2]]).ravel(), rtol=1e-13)

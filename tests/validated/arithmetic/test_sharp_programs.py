@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("flint")
 
-from ccpin.programs.instructions import CONSTANT, SINE
+from ccpin.programs.instructions import Kind
 from ccpin.programs.tape import Node, Tape, is_zero
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, joined
 from ccpin.validated.arithmetic.balls import ball, flint
@@ -195,11 +195,11 @@ def test_recorded_once_and_only_what_outputs_need():
     assert abs(found * 3 - 1) < 1e-30
     tape.sincos(x)
     kept = in_balls(tape, [x * x, 2])
-    assert SINE not in {item.kind for item in kept.instructions}
-    assert CONSTANT in {item.kind for item in kept.instructions}
+    assert Kind.SINE not in {item.kind for item in kept.instructions}
+    assert Kind.CONSTANT in {item.kind for item in kept.instructions}
     assert all(isinstance(item.constant, type(ball(1))) for item in kept.instructions if item.constant is not None)
     also = in_balls(tape, [x * x], [tape.sincos(x)[0]])
-    assert SINE in {item.kind for item in also.instructions}
+    assert Kind.SINE in {item.kind for item in also.instructions}
     assert 0 not in {item.target for item in also.instructions}
 
 

@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from ccpin.programs.instructions import ANGLE, CONSTANT, Code, Instruction
+from ccpin.programs.instructions import Code, Instruction, Kind
 from ccpin.programs.sine_cosine import DOUBLE, FLOAT
 from ccpin.programs.tape import Tape
 from ccpin.proof.facts import NotProvedError
@@ -168,14 +168,14 @@ def test_constants_are_compared_with_what_is_computed():
 
 
 def test_what_is_not_bounded_is_refused():
-    code = Code(3, 2, (Instruction(ANGLE, 2, 0, 1),), (2,))
+    code = Code(3, 2, (Instruction(Kind.ANGLE, 2, 0, 1),), (2,))
     with pytest.raises(NotProvedError, match="not bounded"):
         evaluated(runnable(code), point(X, Y))
 
 
 def test_constants_alone():
     """A program of a constant, and one that adds one."""
-    code = Code(3, 1, (Instruction(CONSTANT, 1, constant=THIRD), Instruction(1 + CONSTANT, 2, 0, 1)), (1, 2))
+    code = Code(3, 1, (Instruction(Kind.CONSTANT, 1, constant=THIRD), Instruction(1 + Kind.CONSTANT, 2, 0, 1)), (1, 2))
     sweep = ErrorSweep(runnable(code), point(X), FORMATS[0])
     sweep.run(code.outputs)
     off = float(abs(Fraction(1 / 3) - THIRD))

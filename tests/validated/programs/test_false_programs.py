@@ -7,7 +7,7 @@ import pytest
 
 import ccpin
 from ccpin import programs
-from ccpin.programs.instructions import ADD
+from ccpin.programs.instructions import Kind
 from ccpin.programs.program import Program
 from ccpin.programs.program_sources import INPUTS
 from ccpin.proof.facts import NotProvedError, Unproved, prove
@@ -186,7 +186,7 @@ def test_certificates_are_about_what_was_asked(proved, program):
 
 def more(code):
     """Instructions, one of which reads q̇."""
-    last = code.instructions[-1]._replace(kind=ADD, target=code.size, a=3, b=3, constant=None)
+    last = code.instructions[-1]._replace(kind=Kind.ADD, target=code.size, a=3, b=3, constant=None)
     return code._replace(instructions=(*code.instructions, last), size=code.size + 1)
 
 

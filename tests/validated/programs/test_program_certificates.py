@@ -11,7 +11,7 @@ from ccpin import programs
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.programs.compiling import NoCompilerError
 from ccpin.programs.evaluation import values_of
-from ccpin.programs.instructions import GAIN
+from ccpin.programs.instructions import Kind
 from ccpin.programs.lanes import CompiledProgram
 from ccpin.programs.program_sources import assembled
 from ccpin.validated import certify_program
@@ -257,7 +257,7 @@ def test_what_reads_the_turn_of_a_ball_is_refused(certificates):
     """By name, as no certificate."""
     program = certificates["slider_crank", "closed"].program
     inner = program.source.inner
-    turned = inner.instructions[0]._replace(kind=GAIN, a=0, b=0, constant=None)
+    turned = inner.instructions[0]._replace(kind=Kind.GAIN, a=0, b=0, constant=None)
     source = program.source._replace(inner=inner._replace(instructions=(turned, *inner.instructions[1:])))
     with pytest.raises(UnsupportedMechanismError, match="turned"):
         certify_program(replace(program, source=source), ([1.0], [1.1]), bounds={"v": 1.0, "u": 1.0})

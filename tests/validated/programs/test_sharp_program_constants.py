@@ -8,7 +8,7 @@ import pytest
 
 import ccpin
 from ccpin import programs
-from ccpin.programs.instructions import ADD, CONSTANT, MULTIPLY, SCALE, Code, Instruction
+from ccpin.programs.instructions import Code, Instruction, Kind
 from ccpin.validated import certify_program
 
 flint = pytest.importorskip("flint")
@@ -39,10 +39,11 @@ def test_what_numpy_has_for_constants():
     code = Code(
         9, 1,
         (
-            Instruction(CONSTANT, 1, constant=Fraction(1, 3)), Instruction(CONSTANT, 2, constant=Fraction(2, 7)),
-            Instruction(ADD, 3, 1, 2), Instruction(MULTIPLY, 4, 3, 0), Instruction(MULTIPLY, 5, 0, 2),
-            Instruction(SCALE, 6, 0, constant=Fraction(1, 10)), Instruction(MULTIPLY, 7, 0, 0),
-            Instruction(ADD, 8, 7, 1),
+            Instruction(Kind.CONSTANT, 1, constant=Fraction(1, 3)),
+            Instruction(Kind.CONSTANT, 2, constant=Fraction(2, 7)),
+            Instruction(Kind.ADD, 3, 1, 2), Instruction(Kind.MULTIPLY, 4, 3, 0), Instruction(Kind.MULTIPLY, 5, 0, 2),
+            Instruction(Kind.SCALE, 6, 0, constant=Fraction(1, 10)), Instruction(Kind.MULTIPLY, 7, 0, 0),
+            Instruction(Kind.ADD, 8, 7, 1),
         ),
         (8,),
     )  # fmt: skip

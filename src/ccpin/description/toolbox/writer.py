@@ -14,7 +14,7 @@ from ccpin.description.elements.xml import cannot
 from ccpin.description.model import IDENTITY, Joint, Link, LoopClosure, MechanismDescription, frame
 from ccpin.description.urdf.writer import write_urdf
 from ccpin.errors import InvalidInputError
-from ccpin.files import write_atomically
+from ccpin.files import write_text
 
 _AXIS_POINT = frame([0.0, 0.0, 0.1])  # a second point on the axis, 0.1 m along it: with both held, one turn is left
 
@@ -55,7 +55,7 @@ def write_toolbox(description: MechanismDescription, path: str | Path) -> tuple[
         "name_mot": list(description.actuated or ()),
     }
     text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
-    write_atomically(path, "w", lambda file: file.write(text))
+    write_text(path, text)
     return notes
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import qr
 
-from ccpin.arrays import Array, Indices, instance, positive, records, vector, whole
+from ccpin.arrays import Array, Indices, corners, positive, records, whole
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.identification.calibration.calibrating import measured_model, sensors_at, unknown_geometry
@@ -95,7 +95,7 @@ def calibration_poses(
     sensors = [each.kind for each in records(measure, "measure", Sensor)]
     model, count = measured_model(model_of(model), sensors), whole(count, "count")
     limit = positive(coarsest, "coarsest")
-    q = _candidates(model, _box(within, model.n), whole(candidates, "candidates"), whole(seed, "seed", 0))
+    q = _candidates(model, corners(within, "within", model.n), whole(candidates, "candidates"), whole(seed, "seed", 0))
     if len(q) < count:
         raise InvalidInputError(f"{len(q)} candidates within these limits close, and {count} poses are wanted")
     sensors = sensors_at(model, sensors)
@@ -178,16 +178,6 @@ def _base(rows: Array, k: int, coarsest: float) -> list[int]:
     while found and known(found) < known([]) + len(found):
         found = found[:-1]
     return found
-
-
-def _box(within: object, n: int) -> tuple[Array, Array]:
-    pair = tuple(instance(within, "within", Iterable, "least and greatest displacements"))
-    if len(pair) != 2:
-        raise InvalidInputError("within must be least and greatest displacements")
-    lower, upper = vector(pair[0], "within[0]", n), vector(pair[1], "within[1]", n)
-    if (upper <= lower).any():
-        raise InvalidInputError("within: the greatest displacements must be above the least")
-    return lower, upper
 
 
 def _candidates(model: ReducedModel, box: tuple[Array, Array], count: int, seed: int) -> Array:

@@ -140,19 +140,29 @@ class Encoders(SensorKind):
 
 
 @dataclass(frozen=True)
-class Tracker(SensorKind):
-    """Positions or poses of a link's point, from a frame that is free or the world's."""
+class OnLink(SensorKind):
+    """What sees a point of a link, of shape (3,) in its frame."""
 
     link: str
     point: Array
-    free: bool
-    target: bool
-    base: Array
 
     @property
     def links(self) -> tuple[str, ...]:
         """The link."""
         return (self.link,)
+
+    def watched(self, recorded: OpenGeometry) -> list[Expression]:
+        """The point."""
+        return list(recorded.pose(self.link, self.point)[0])
+
+
+@dataclass(frozen=True)
+class Tracker(OnLink):
+    """Positions or poses of a link's point, from a frame that is free or the world's."""
+
+    free: bool
+    target: bool
+    base: Array
 
     @property
     def _turns(self) -> bool:
@@ -241,22 +251,11 @@ class Tracker(SensorKind):
 
 
 @dataclass(frozen=True)
-class Plane(SensorKind):
+class Plane(OnLink):
     """Heights of a link's point above a plane."""
 
-    link: str
-    point: Array
     normal: Array
     distance: float
-
-    @property
-    def links(self) -> tuple[str, ...]:
-        """The link."""
-        return (self.link,)
-
-    def watched(self, recorded: OpenGeometry) -> list[Expression]:
-        """The point."""
-        return list(recorded.pose(self.link, self.point)[0])
 
     def shown(self, seen: Array) -> Array:
         """Heights."""
@@ -270,25 +269,14 @@ class Plane(SensorKind):
 
 
 @dataclass(frozen=True)
-class Bar(SensorKind):
+class Bar(OnLink):
     """Distances of a link's point from a ball."""
 
-    link: str
-    point: Array
     centre: Array
-
-    @property
-    def links(self) -> tuple[str, ...]:
-        """The link."""
-        return (self.link,)
 
     def unknowns(self, model: ReducedModel) -> tuple[Parameter, ...]:
         """Where the ball is."""
         return tuple(_origin(f"{self.name}/{axis}", self.centre[k]) for k, axis in enumerate("xyz"))
-
-    def watched(self, recorded: OpenGeometry) -> list[Expression]:
-        """The point."""
-        return list(recorded.pose(self.link, self.point)[0])
 
     def shown(self, seen: Array) -> Array:
         """Distances."""

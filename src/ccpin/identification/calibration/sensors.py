@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, Record, frozen, instance, number, numbers, records, vector
+from ccpin.arrays import Array, Record, instance, number, one_each, records, vector
 from ccpin.errors import InvalidInputError
 from ccpin.identification.calibration.sensor_kinds import Bar, Encoders, Plane, SensorKind, Tracker
 
@@ -42,7 +42,7 @@ class Sensor(Record):
         for name in off:
             if name not in names:
                 raise InvalidInputError(f"offsets: '{name}' is none of {', '.join(names)}")
-        return Sensor(Encoders("encoders", deviations(noise, len(names)), names, off))
+        return Sensor(Encoders("encoders", one_each(noise, "noise", len(names), positive=True), names, off))
 
     @staticmethod
     def tracker(
@@ -103,8 +103,8 @@ class Sensor(Record):
         n = vector(normal, "normal", 3)
         if not np.linalg.norm(n) > 0.0:
             raise InvalidInputError("normal must not be zero")
-        at, size = vector(point, "point", 3), number(distance, "distance")
-        return Sensor(Plane(_named(name), deviations(noise, 1), _link(link), at, n / np.linalg.norm(n), size))
+        n = n / np.linalg.norm(n)
+        return Sensor(Plane(*_on_link(name, noise, 1, link, point), n, number(distance, "distance")))
 
     @staticmethod
     def bar(
@@ -127,35 +127,19 @@ class Sensor(Record):
         Raises:
             InvalidInputError: A centre, point or deviation that is none.
         """
-        at, about = vector(point, "point", 3), vector(centre, "centre", 3)
-        return Sensor(Bar(_named(name), deviations(noise, 1), _link(link), at, about))
+        return Sensor(Bar(*_on_link(name, noise, 1, link, point), vector(centre, "centre", 3)))
 
 
 def _tracker(
     link: str, noise: ArrayLike, point: ArrayLike, turn_noise: ArrayLike | None, target: bool, name: str, *, free: bool
 ) -> Sensor:
-    spreads = deviations(noise, 3)
+    called, spreads, seen, at = _on_link(name, noise, 3, link, point)
     if turn_noise is not None:
-        spreads = np.concatenate([spreads, deviations(turn_noise, 3, "turn_noise")])
-    at, unknown = vector(point, "point", 3), instance(target, "target", bool)
-    return Sensor(Tracker(_named(name), spreads, _link(link), at, free, unknown, np.eye(4)))
+        spreads = np.concatenate([spreads, one_each(turn_noise, "turn_noise", 3, positive=True)])
+    return Sensor(Tracker(called, spreads, seen, at, free, instance(target, "target", bool), np.eye(4)))
 
 
-def deviations(value: ArrayLike, d: int, name: str = "noise") -> Array:
-    """Standard deviations, one for all or each its own, of shape (d,).
-
-    Raises:
-        InvalidInputError: They are not that, or not positive.
-    """
-    given = numbers(value, name)
-    if given.shape not in ((), (d,)) or not ((given > 0.0) & np.isfinite(given)).all():
-        raise InvalidInputError(f"{name} must be one positive number or {d}")
-    return frozen(np.broadcast_to(given, (d,)))
-
-
-def _named(name: str) -> str:
-    return instance(name, "name", str)
-
-
-def _link(link: str) -> str:
-    return instance(link, "link", str)
+def _on_link(name: str, noise: ArrayLike, d: int, link: str, point: ArrayLike) -> tuple[str, Array, str, Array]:
+    """The fields of `OnLink`, checked."""
+    spreads = one_each(noise, "noise", d, positive=True)
+    return instance(name, "name", str), spreads, instance(link, "link", str), vector(point, "point", 3)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PPoly
 from scipy.optimize import minimize
 
-from ccpin.arrays import Array, choice, number, positive, vector, whole
+from ccpin.arrays import Array, choice, one_each, positive, vector, whole
 from ccpin.control.references import Waypoints, from_rest_to_rest
 from ccpin.domain import certify_path
 from ccpin.domain.paths.path import CertifiedPath
@@ -123,11 +123,10 @@ def excitation(
     model = model_of(model)
     require_plain(model, "an excitation")
     n, duration = model.n, positive(duration, "duration", "a positive number of seconds")
+    motors = model.n_actuated
+    most = np.full(motors, np.inf) if effort is None else one_each(effort, "effort", motors, positive=True)
     limits = MotionLimits(
-        vector(lower, "lower", n),
-        vector(upper, "upper", n),
-        _each(speed, "speed", n),
-        np.full(model.n_actuated, np.inf) if effort is None else _each(effort, "effort", model.n_actuated),
+        vector(lower, "lower", n), vector(upper, "upper", n), one_each(speed, "speed", n, positive=True), most
     )
     if np.any(limits.upper <= limits.lower):
         raise InvalidInputError("upper must be above lower in each coordinate")
@@ -250,14 +249,6 @@ class _MotionSearch:
         elif finely > 1:
             self.model.sigma_many(q)
         return np.abs(np.concatenate(found, axis=1))
-
-
-def _each(value: ArrayLike, name: str, count: int) -> Array:
-    """A positive number for each, of shape (count,)."""
-    found = np.full(count, number(value, name)) if np.ndim(value) == 0 else vector(value, name, count)
-    if np.any(found <= 0.0):
-        raise InvalidInputError(f"{name} must be positive")
-    return found
 
 
 def _proved(model: ReducedModel, motion: Waypoints) -> tuple[CertifiedPath | None, str]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError
-from ccpin.files import write_atomically
+from ccpin.files import write_text
 from ccpin.simulation.results.saving import data_frame, write_parquet
 
 FACTORS = {
@@ -78,7 +78,7 @@ def write_table(table: Mapping[str, Array], path: Path) -> None:
     elif path.suffix == ".csv":
         rows = zip(*table.values(), strict=True)
         lines = [",".join("" if math.isnan(value) else repr(float(value)) for value in row) for row in rows]
-        write_atomically(path, "w", lambda file: file.write("\n".join([",".join(table), *lines, ""])))
+        write_text(path, "\n".join([",".join(table), *lines, ""]))
     else:
         raise InvalidInputError(f"'{path}' must end in .csv or .parquet")
 

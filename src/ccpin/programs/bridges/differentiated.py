@@ -10,7 +10,7 @@ from ccpin.arrays import choice
 from ccpin.errors import InvalidInputError
 from ccpin.programs.evaluation import values_of
 from ccpin.programs.folding import DOUBLES, folded
-from ccpin.programs.instructions import CONSTANT
+from ccpin.programs.instructions import Kind, ancestors
 from ccpin.programs.program import SMALL_PIVOT, Port, Program, windows
 
 STEP = "step_by_q"  # the tangent step that a change of q's numbers is, where q̇ is not their rate
@@ -63,7 +63,9 @@ def restricted(program: Program, names: Collection[str]) -> Program:
         if port.name in names:
             ports.append(port)
             results += program.code.outputs[window]
-    needed = _ancestors(program, [*results, *program.corrections, *(pivot.number for pivot in program.pivots)])
+    defined = {item.target: item.operands for item in program.code.instructions}
+    asked = [*results, *program.corrections, *(pivot.number for pivot in program.pivots)]
+    needed = ancestors(asked, lambda number: defined.get(number, ()))
     kept = tuple(item for item in program.code.instructions if item.target in needed)
     return replace(program, outputs=tuple(ports), code=program.code._replace(instructions=kept, outputs=tuple(results)))
 
@@ -83,7 +85,7 @@ def evaluated(program: Program, columns: Sequence[Any], module: Any) -> tuple[li
     code = folded(program.code._replace(outputs=(*shown, *watched)), DOUBLES)
     values = values_of(code, columns, module)
     trusted = module.true
-    constant = {item.target for item in code.instructions if item.kind == CONSTANT}
+    constant = {item.target for item in code.instructions if item.kind == Kind.CONSTANT}
     for pivot in program.pivots:
         if pivot.number not in constant:
             trusted = module.both(trusted, module.abs(values[pivot.number]) > SMALL_PIVOT * pivot.scale)
@@ -98,18 +100,6 @@ def evaluated(program: Program, columns: Sequence[Any], module: Any) -> tuple[li
 
 def _reads(program: Program, name: str) -> set[str]:
     """The inputs that an output depends on."""
-    code = restricted(replace(program, pivots=(), corrections=()), [name]).code
-    used = {number for item in code.instructions for number in item.operands} | set(code.outputs)
+    used = restricted(replace(program, pivots=(), corrections=()), [name]).code.read
     pairs = zip(program.inputs, windows(program.inputs), strict=True)
     return {port.name for port, window in pairs if used & set(range(window.start, window.stop))}
-
-
-def _ancestors(program: Program, stack: list[int]) -> set[int]:
-    """What values depend on, themselves included."""
-    defined, found = {item.target: item for item in program.code.instructions}, set[int]()
-    while stack:
-        number = stack.pop()
-        if number not in found:
-            found.add(number)
-            stack.extend(defined[number].operands if number in defined else ())
-    return found

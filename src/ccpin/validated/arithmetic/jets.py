@@ -19,8 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.programs import instructions
-from ccpin.programs.instructions import Code, Instruction
+from ccpin.programs.instructions import Code, Instruction, Kind
 from ccpin.validated.arithmetic.ball_arrays import (
     BallArray,
     gain,
@@ -80,25 +79,25 @@ class _JetEvaluation:
     def visit(self, item: Instruction) -> None:
         """One value's jet."""
         found, a, b = self.found, item.a, item.b
-        if item.kind == instructions.MULTIPLY:
+        if item.kind == Kind.MULTIPLY:
             result = self.product(found[a], found[b])
-        elif item.kind == instructions.ADD:
+        elif item.kind == Kind.ADD:
             result = Jet._make(_sum(x, y) for x, y in zip(found[a], found[b], strict=True))
-        elif item.kind == instructions.SUBTRACT:
+        elif item.kind == Kind.SUBTRACT:
             result = Jet._make(_sum(x, None if y is None else -y) for x, y in zip(found[a], found[b], strict=True))
-        elif item.kind == instructions.SCALE:
+        elif item.kind == Kind.SCALE:
             factor = of_balls([[item.constant]]).at(0)
             result = Jet._make(None if x is None else _spread(factor, x.mid.ndim) * x for x in found[a])
-        elif item.kind in (instructions.SINE, instructions.COSINE):
+        elif item.kind in (Kind.SINE, Kind.COSINE):
             sine, cosine = self.trigonometric(a)
-            waves = (sine, cosine, -sine, -cosine) if item.kind == instructions.SINE else (cosine, -sine, -cosine, sine)
+            waves = (sine, cosine, -sine, -cosine) if item.kind == Kind.SINE else (cosine, -sine, -cosine, sine)
             result = self.composed(found[a], waves)
-        elif item.kind == instructions.GAIN:
+        elif item.kind == Kind.GAIN:
             result = self.composed(found[a], tuple(gain(found[a].value, b + k) for k in range(4)))
-        elif item.kind == instructions.SOLVE:
+        elif item.kind == Kind.SOLVE:
             found[item.target] = self.solution(item)
             return
-        elif item.kind == instructions.PART:
+        elif item.kind == Kind.PART:
             result = found[a][b]
         else:
             constant = of_balls([[item.constant]]).at(0)

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices
-from ccpin.programs import instructions
-from ccpin.programs.instructions import Code
+from ccpin.programs.instructions import Code, Kind
 from ccpin.validated.arithmetic.balls import ball, flint, upper
 from ccpin.validated.arithmetic.series import NotInvertibleError
 
@@ -226,24 +225,24 @@ def evaluated(program: Code, inputs: Analytic, chosen: Sequence[int] = ()) -> Pr
     waves: dict[int, tuple[Analytic, Analytic]] = {}
     for item in program.instructions:
         kind, k, a, b, _ = item
-        if kind in (instructions.ADD, instructions.SUBTRACT):
-            sign = 1.0 if kind == instructions.ADD else -1.0
+        if kind in (Kind.ADD, Kind.SUBTRACT):
+            sign = 1.0 if kind == Kind.ADD else -1.0
             found[k], slopes[k] = (x[a] + x[b].scaled(sign, 0.0) for x in (found, slopes))
-        elif kind == instructions.MULTIPLY:
+        elif kind == Kind.MULTIPLY:
             found[k], slopes[k] = found[a] * found[b], slopes[a] * found[b] + slopes[b] * found[a]
-        elif kind == instructions.SCALE:
+        elif kind == Kind.SCALE:
             found[k], slopes[k] = (x[a].scaled(*_double(item.constant)) for x in (found, slopes))
-        elif kind in (instructions.SINE, instructions.COSINE):
+        elif kind in (Kind.SINE, Kind.COSINE):
             sine, cosine = waves[a] = waves.get(a) or sine_and_cosine(found[a])
-            found[k] = sine if kind == instructions.SINE else cosine
-            slopes[k] = slopes[a] * (cosine if kind == instructions.SINE else sine.scaled(-1.0, 0.0))
-        elif kind == instructions.CONSTANT:
+            found[k] = sine if kind == Kind.SINE else cosine
+            slopes[k] = slopes[a] * (cosine if kind == Kind.SINE else sine.scaled(-1.0, 0.0))
+        elif kind == Kind.CONSTANT:
             value, off = _double(item.constant)
             found[k] = constants(np.array(value), np.array(off), known)
-        elif kind == instructions.SOLVE and not width:
+        elif kind == Kind.SOLVE and not width:
             matrix, right = (stacked([stacked([found[x] for x in row]) for row in table]) for table in b)
             found[k] = solution(matrix, right)
-        elif kind == instructions.PART:
+        elif kind == Kind.PART:
             columns = found[a].rest.shape[1]
             found[k] = found[a].at((b // columns, b % columns))
         else:

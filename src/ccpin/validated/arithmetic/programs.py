@@ -9,21 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ccpin.programs.folding import Arithmetic, folded
-from ccpin.programs.instructions import (
-    ADD,
-    CONSTANT,
-    COSINE,
-    GAIN,
-    MULTIPLY,
-    PART,
-    SCALE,
-    SINE,
-    SOLVE,
-    SUBTRACT,
-    Code,
-    Instruction,
-    LinearSystem,
-)
+from ccpin.programs.instructions import Code, Instruction, Kind, LinearSystem
 from ccpin.programs.tape import Expression, Tape
 from ccpin.proof.facts import NotProvedError
 from ccpin.validated.arithmetic.balls import Ball, ball, flint
@@ -58,24 +44,26 @@ def require_program(program: Any, inputs: int) -> None:
         kind, target, a, b, constant = item
         new = type(target) is int and inputs <= target < program.size and not {target} & (values | entries.keys())
         _require(new, "a value that is defined twice, or out of its range")
-        if kind in (ADD, SUBTRACT, MULTIPLY):
+        if kind in (Kind.ADD, Kind.SUBTRACT, Kind.MULTIPLY):
             _require(_all_known((a, b), values), "an operand that is not there")
-        elif kind in (SCALE, CONSTANT):
-            _require(is_number(constant) and (kind == CONSTANT or _all_known((a,), values)), "a constant that is none")
-        elif kind in (SINE, COSINE):
+        elif kind in (Kind.SCALE, Kind.CONSTANT):
+            _require(
+                is_number(constant) and (kind == Kind.CONSTANT or _all_known((a,), values)), "a constant that is none"
+            )
+        elif kind in (Kind.SINE, Kind.COSINE):
             _require(_all_known((a,), values), "an operand that is not there")
             waves[kind, target] = a, b
-        elif kind == GAIN:
+        elif kind == Kind.GAIN:
             _require(_all_known((a,), values) and type(b) is int and b >= 0, "no derivative")
-        elif kind == PART:
+        elif kind == Kind.PART:
             _require(type(a) is int and type(b) is int and 0 <= b < entries.get(a, 0), "no part of a solution")
         else:
-            _require(kind == SOLVE and type(b) is LinearSystem, "no instruction that is known")
+            _require(kind == Kind.SOLVE and type(b) is LinearSystem, "no instruction that is known")
             entries[target] = _entries(b, values)
             continue
         values.add(target)
     for (kind, target), (a, b) in waves.items():
-        _require(waves.get((SINE + COSINE - kind, b)) == (a, target), "a sine without its cosine")
+        _require(waves.get((Kind.SINE + Kind.COSINE - kind, b)) == (a, target), "a sine without its cosine")
     _require(_all_known(program.outputs, values), "an output that is not there")
 
 

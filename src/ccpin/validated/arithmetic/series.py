@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ccpin.programs import instructions
-from ccpin.programs.instructions import Code, Instruction
+from ccpin.programs.instructions import Code, Instruction, Kind
 from ccpin.validated.arithmetic.balls import Ball, BallInverse, ball, flint, gain, inverse
 
 Memory = dict[Any, Any]  # a system's matrix (numbers of values) -> its inverse; (w, k) -> coefficients of g⁽ᵏ⁾(w)
@@ -39,23 +38,23 @@ def _values(program: Code, inputs: Sequence[Ball], inverses: Memory) -> list[Any
 
 def _value(item: Instruction, found: list[Any], inverses: Memory) -> Any:
     a, b = item.a, item.b
-    if item.kind == instructions.MULTIPLY:
+    if item.kind == Kind.MULTIPLY:
         return found[a] * found[b]
-    if item.kind == instructions.ADD:
+    if item.kind == Kind.ADD:
         return found[a] + found[b]
-    if item.kind == instructions.SUBTRACT:
+    if item.kind == Kind.SUBTRACT:
         return found[a] - found[b]
-    if item.kind == instructions.SCALE:
+    if item.kind == Kind.SCALE:
         return item.constant * found[a]
-    if item.kind == instructions.SINE:
+    if item.kind == Kind.SINE:
         return found[a].sin()
-    if item.kind == instructions.COSINE:
+    if item.kind == Kind.COSINE:
         return found[a].cos()
-    if item.kind == instructions.GAIN:
+    if item.kind == Kind.GAIN:
         return gain(found[a], b)
-    if item.kind == instructions.PART:
+    if item.kind == Kind.PART:
         return found[a][b]
-    if item.kind == instructions.SOLVE:
+    if item.kind == Kind.SOLVE:
         right = flint().arb_mat([[found[number] for number in row] for row in b.right])
         return _inverse(b.matrix, found.__getitem__, inverses).times(right).entries()
     return item.constant
@@ -86,35 +85,35 @@ def gradients(program: Code, inputs: Sequence[Ball]) -> list[list[Ball]]:
     for item in program.instructions:
         k = item.target
         found[k] = _value(item, found, inverses)
-        if item.kind == instructions.SINE:  # its slope is the cosine, which comes next
+        if item.kind == Kind.SINE:  # its slope is the cosine, which comes next
             found[item.b] = found[item.a].cos()
         slopes[k] = _gradient(item, found, slopes, zero, inverses)
-        if item.kind == instructions.SOLVE:
+        if item.kind == Kind.SOLVE:
             found[k] = [narrowed(*entry) for entry in zip(found[k], middle[k], slopes[k], strict=True)]
-        elif item.kind != instructions.PART and not isinstance(slopes[k], int):
+        elif item.kind != Kind.PART and not isinstance(slopes[k], int):
             found[k] = narrowed(found[k], middle[k], slopes[k])
     return [list(zero + slopes[number]) for number in program.outputs]
 
 
 def _gradient(item: Instruction, found: list[Any], slopes: list[Any], zero: Any, inverses: Memory) -> Any:
     a, b = item.a, item.b
-    if item.kind == instructions.MULTIPLY:
+    if item.kind == Kind.MULTIPLY:
         return slopes[a] * found[b] + slopes[b] * found[a]
-    if item.kind == instructions.ADD:
+    if item.kind == Kind.ADD:
         return slopes[a] + slopes[b]
-    if item.kind == instructions.SUBTRACT:
+    if item.kind == Kind.SUBTRACT:
         return slopes[a] - slopes[b]
-    if item.kind == instructions.SCALE:
+    if item.kind == Kind.SCALE:
         return slopes[a] * item.constant
-    if item.kind == instructions.SINE:
+    if item.kind == Kind.SINE:
         return slopes[a] * found[b]
-    if item.kind == instructions.COSINE:
+    if item.kind == Kind.COSINE:
         return slopes[a] * -found[b]
-    if item.kind == instructions.GAIN:
+    if item.kind == Kind.GAIN:
         return slopes[a] * gain(found[a], b + 1)
-    if item.kind == instructions.PART:
+    if item.kind == Kind.PART:
         return slopes[a][b]
-    if item.kind == instructions.SOLVE:
+    if item.kind == Kind.SOLVE:
         return _solution_gradient(item, found, slopes, zero, inverses)
     return 0
 
@@ -177,21 +176,21 @@ def _extend(program: Code, series: list[Any], degree: int, inverses: Memory) -> 
 def _advance(item: Instruction, degree: int, series: list[Any], inverses: Memory) -> None:
     """Append the coefficient of one degree to one value."""
     a, b = item.a, item.b
-    if item.kind == instructions.MULTIPLY:
+    if item.kind == Kind.MULTIPLY:
         result = sum(map(mul, series[a], reversed(series[b])))
-    elif item.kind == instructions.ADD:
+    elif item.kind == Kind.ADD:
         result = series[a][degree] + series[b][degree]
-    elif item.kind == instructions.SUBTRACT:
+    elif item.kind == Kind.SUBTRACT:
         result = series[a][degree] - series[b][degree]
-    elif item.kind == instructions.SCALE:
+    elif item.kind == Kind.SCALE:
         result = item.constant * series[a][degree]
-    elif item.kind in (instructions.SINE, instructions.COSINE):
+    elif item.kind in (Kind.SINE, Kind.COSINE):
         result = _trigonometric(item, degree, series)
-    elif item.kind == instructions.GAIN:
+    elif item.kind == Kind.GAIN:
         result = _composed(a, b, degree, series, inverses)
-    elif item.kind == instructions.PART:
+    elif item.kind == Kind.PART:
         result = series[a][degree][b]
-    elif item.kind == instructions.SOLVE:
+    elif item.kind == Kind.SOLVE:
         result = _solution(item, degree, series, inverses)
     else:
         result = item.constant if degree == 0 else ball(0)
@@ -202,9 +201,9 @@ def _trigonometric(item: Instruction, degree: int, series: list[Any]) -> Ball:
     """From s′ = c a′ and c′ = −s a′."""
     angle, other = series[item.a], series[item.b]
     if degree == 0:
-        return angle[0].sin() if item.kind == instructions.SINE else angle[0].cos()
+        return angle[0].sin() if item.kind == Kind.SINE else angle[0].cos()
     total = sum(j * angle[j] * other[degree - j] for j in range(1, degree + 1))
-    return total / (degree if item.kind == instructions.SINE else -degree)
+    return total / (degree if item.kind == Kind.SINE else -degree)
 
 
 def _composed(a: int, order: int, degree: int, series: list[Any], known: Memory) -> Ball:

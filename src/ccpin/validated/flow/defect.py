@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from operator import mul
 from typing import Any, NamedTuple
 
-from ccpin.programs import instructions
-from ccpin.programs.instructions import Code, Instruction
+from ccpin.programs.instructions import Code, Instruction, Kind
 from ccpin.validated.arithmetic.balls import Ball, around, ball, flint, gain, inverse, magnitude
 from ccpin.validated.arithmetic.series import NotInvertibleError, extend
 
@@ -92,29 +91,29 @@ class _AlongPolynomial:
 
     def visit(self, item: Instruction) -> None:
         """Bound one value."""
-        if item.kind == instructions.SOLVE:
+        if item.kind == Kind.SOLVE:
             self.bounds[item.target] = self.solution(item)
             return
-        if item.kind == instructions.PART:
+        if item.kind == Kind.PART:
             self.bounds[item.target] = self.bounds[item.a][item.b]
             return
         self.bounds[item.target] = self.bound(self.series[item.target], self.rest(item))
 
     def rest(self, item: Instruction) -> Ball:
         """ω of a value that is not the solution of a linear system: the lemma's 1 and 2, sums and multiples."""
-        if item.kind in (instructions.ADD, instructions.SUBTRACT):
+        if item.kind in (Kind.ADD, Kind.SUBTRACT):
             return self.bounds[item.a].rest + self.bounds[item.b].rest
-        if item.kind == instructions.SCALE:
+        if item.kind == Kind.SCALE:
             return magnitude(item.constant) * self.bounds[item.a].rest
-        if item.kind == instructions.MULTIPLY:
+        if item.kind == Kind.MULTIPLY:
             a, b = self.bounds[item.a], self.bounds[item.b]
             return _tail(a, b) + a.size * b.rest + b.size * a.rest + a.rest * b.rest
-        if item.kind in (instructions.SINE, instructions.COSINE):
+        if item.kind in (Kind.SINE, Kind.COSINE):
             pair = zip(self.series[item.target], self.series[item.b], strict=True)
             both = self.bound([magnitude(s) + magnitude(c) for s, c in pair], ball(0))
             angle = self.bounds[item.a]
             return _tail(angle, both) + angle.rest
-        if item.kind == instructions.GAIN:
+        if item.kind == Kind.GAIN:
             return self.composed(item)
         return ball(0)
 

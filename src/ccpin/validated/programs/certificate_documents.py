@@ -18,7 +18,7 @@ import numpy as np
 
 from ccpin.containers import NamedArrays, told_of
 from ccpin.errors import InvalidInputError
-from ccpin.programs.instructions import CONSTANT, INPUT, PART, SCALE, SOLVE, Code, Instruction, LinearSystem
+from ccpin.programs.instructions import Code, Instruction, Kind, LinearSystem
 from ccpin.programs.program import WORDS, Program, program_of_text
 from ccpin.programs.program_sources import ProgramSource
 from ccpin.programs.written_numbers import count_of, rational_of, rational_text
@@ -49,7 +49,7 @@ CERTIFIED_PROGRAM = Schema(
 )
 _THEOREMS = ("program_branch", "program_steps", "program_rounding", "sine_cosine")
 _TUBES = ("counts", "centre", "slopes", "radius", "preconditioner")
-_WORDS = {**WORDS, INPUT: "input", SOLVE: "solve", PART: "part"}
+_WORDS = {**WORDS, Kind.INPUT: "input", Kind.SOLVE: "solve", Kind.PART: "part"}
 _KINDS = {word: kind for kind, word in _WORDS.items()}
 _MANY, _DIGITS = 64, 4000  # Newton's steps, and digits of a constant: more are a means to fill a memory
 
@@ -148,13 +148,13 @@ def _code_of(document: Any) -> Code:
 def _instruction(entry: Any) -> Instruction:
     word, target, a, b, constant = entry
     kind = _KINDS[word]
-    if kind == SOLVE:
+    if kind == Kind.SOLVE:
         b = LinearSystem(*(tuple(map(_counts, table)) for table in b))
     elif b is not None:
         count_of(b)
     if a is not None:
         count_of(a)
-    if kind in (CONSTANT, SCALE):
+    if kind in (Kind.CONSTANT, Kind.SCALE):
         constant = rational_of(constant, _DIGITS)
     elif constant is not None:
         raise ValueError("a constant of an operation that has none")

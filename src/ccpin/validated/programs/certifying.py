@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, choice, instance, numbers, records, vector, whole
+from ccpin.arrays import Array, choice, corners, instance, numbers, records, vector, whole
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.programs.program import Program
 from ccpin.proof.facts import Fact, NotProvedError, prove
@@ -63,17 +63,17 @@ def certify_program(
         equations = ProgramEquations(program.source)
     except NotProvedError as error:
         raise UnsupportedMechanismError(f"no certificate of '{program.name}': {error}") from None
-    m, corners = equations.n_y, corners_of(region, "region", len(program.source.independent))
+    m, (lower, upper) = equations.n_y, corners(region, "region", len(program.source.independent))
     if (parameters is None) != (program.source.sizes[4] == 0):
         raise InvalidInputError("parameters must be lower and upper numbers of p where the program reads it, else none")
     if parameters is not None:
-        known = corners_of(parameters, "parameters", program.source.sizes[4])
-        corners = [np.concatenate(pair) for pair in zip(corners, known, strict=True)]
+        least, greatest = corners(parameters, "parameters", program.source.sizes[4])
+        lower, upper = np.append(lower, least), np.append(upper, greatest)
     most = bounds_of(program, instance(bounds, "bounds", Mapping, "bounds of inputs by name"))
     asked = tuple(choice(name, "formats", [each.name for each in FORMATS]) for name in records(formats, "formats", str))
     if not asked:
         raise InvalidInputError('formats must be "double", "float" or both')
-    search = _Search(program, equations, (corners[0], corners[1]), most, asked)
+    search = _Search(program, equations, (lower, upper), most, asked)
     starts = [np.full(m, _NEAR / 2**k) for k in range(_HALVINGS)] if program.source.steps else [np.full(m, _CLOSED)]
     if start is not None:
         given = numbers(start, "start")
@@ -81,20 +81,6 @@ def certify_program(
         if not np.all(starts[0] > 0.0):
             raise InvalidInputError("start: every number must be positive")
     return search.best(starts, whole(max_cells, "max_cells"))
-
-
-def corners_of(given: tuple[ArrayLike, ArrayLike], name: str, size: int) -> list[Array]:
-    """Lower and upper numbers of a box.
-
-    Raises:
-        InvalidInputError: They are none.
-    """
-    if not isinstance(given, Sequence) or isinstance(given, str) or len(given) != 2:
-        raise InvalidInputError(f"{name} must be lower and upper numbers")
-    lower, upper = (vector(end, f"{name}[{k}]", size) for k, end in enumerate(given))
-    if not np.all(lower < upper):
-        raise InvalidInputError(f"{name}: every lower number must be below the upper one")
-    return [lower, upper]
 
 
 class _Search:

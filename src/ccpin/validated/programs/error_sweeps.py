@@ -12,18 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.programs.instructions import (
-    ADD,
-    CONSTANT,
-    COSINE,
-    MULTIPLY,
-    RECIPROCAL,
-    ROOT,
-    SCALE,
-    SINE,
-    SUBTRACT,
-    Instruction,
-)
+from ccpin.programs.instructions import Instruction, Kind
 from ccpin.programs.sine_cosine import DOUBLE, FLOAT
 from ccpin.proof.facts import require
 from ccpin.validated.arithmetic.first_order import (
@@ -132,7 +121,7 @@ class ErrorSweep:
         value = self._value(item)
         if self._numbers is not None:
             loss = self._loss(item, value, self._numbers)
-            if item.kind in (SINE, COSINE):
+            if item.kind in (Kind.SINE, Kind.COSINE):
                 self.reached &= self.values[item.a].size <= self._numbers.reach
             self.lost[item.target] = loss
             value = value.widened(loss)
@@ -140,21 +129,21 @@ class ErrorSweep:
 
     def _value(self, item: Instruction) -> FirstOrder:
         kind, a, b, values = item.kind, item.a, item.b, self.values
-        if kind == MULTIPLY:
+        if kind == Kind.MULTIPLY:
             return values[a] * values[b]
-        if kind == ADD:
+        if kind == Kind.ADD:
             return values[a] + values[b]
-        if kind == SUBTRACT:
+        if kind == Kind.SUBTRACT:
             return values[a] - values[b]
-        if kind in (SCALE, CONSTANT):
+        if kind in (Kind.SCALE, Kind.CONSTANT):
             factor = self._program.factors[item.target]
-            if kind == CONSTANT:
+            if kind == Kind.CONSTANT:
                 return constant(factor.value, factor.off, self._axes, self._products)
             return values[a].scaled(factor.value, factor.off)
-        if kind in (SINE, COSINE):
-            return self._wave(a)[kind == COSINE]
-        require(kind in (RECIPROCAL, ROOT), "an operation that is not bounded here")
-        return reciprocal(values[a]) if kind == RECIPROCAL else root(values[a])
+        if kind in (Kind.SINE, Kind.COSINE):
+            return self._wave(a)[kind == Kind.COSINE]
+        require(kind in (Kind.RECIPROCAL, Kind.ROOT), "an operation that is not bounded here")
+        return reciprocal(values[a]) if kind == Kind.RECIPROCAL else root(values[a])
 
     def _wave(self, a: int) -> tuple[FirstOrder, FirstOrder]:
         """Sine and cosine of a value, found once."""
@@ -164,13 +153,13 @@ class ErrorSweep:
 
     def _loss(self, item: Instruction, value: FirstOrder, numbers: Numbers) -> Array:
         """Bounds of what an operation loses, of operands as they were computed."""
-        if item.kind in (SINE, COSINE):
+        if item.kind in (Kind.SINE, Kind.COSINE):
             return np.full_like(value.mid, numbers.sine)
-        if item.kind not in (SCALE, CONSTANT):
+        if item.kind not in (Kind.SCALE, Kind.CONSTANT):
             return np.asarray((numbers.unit * value.size + numbers.least) * _UP)
         factor = self._program.factors[item.target]
         off = factor.double if numbers.name == "double" else factor.single
-        if item.kind == CONSTANT:
+        if item.kind == Kind.CONSTANT:
             return np.full_like(value.mid, off)
         size = self.values[item.a].size
         rounding = 0.0 if factor.exact else numbers.unit * (abs(factor.value) + factor.off + off) * size
@@ -179,23 +168,23 @@ class ErrorSweep:
     def _shares(self, item: Instruction, share: FirstOrder) -> list[tuple[int, FirstOrder]]:
         """What of a change of a value is due to its operands."""
         kind, a, b, values = item.kind, item.a, item.b, self.values
-        if kind == MULTIPLY:
+        if kind == Kind.MULTIPLY:
             return [(a, share * values[b]), (b, share * values[a])]
-        if kind == ADD:
+        if kind == Kind.ADD:
             return [(a, share), (b, share)]
-        if kind == SUBTRACT:
+        if kind == Kind.SUBTRACT:
             return [(a, share), (b, -share)]
-        if kind == SCALE:
+        if kind == Kind.SCALE:
             factor = self._program.factors[item.target]
             return [(a, share.scaled(factor.value, factor.off))]
-        if kind == CONSTANT:
+        if kind == Kind.CONSTANT:
             return []
-        if kind == SINE:
+        if kind == Kind.SINE:
             return [(a, share * self._wave(a)[1])]
-        if kind == COSINE:
+        if kind == Kind.COSINE:
             return [(a, -(share * self._wave(a)[0]))]
         own = values[item.target]
-        if kind == RECIPROCAL:
+        if kind == Kind.RECIPROCAL:
             return [(a, -(share * (own * own)))]
         return [(a, (share * reciprocal(own)).scaled(0.5, 0.0))]
 

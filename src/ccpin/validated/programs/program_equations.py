@@ -19,7 +19,7 @@ import numpy as np
 
 from ccpin.programs.evaluation import value_of
 from ccpin.programs.folding import DOUBLES, Arithmetic, folded
-from ccpin.programs.instructions import ANGLE, CONSTANT, COSINE, GAIN, MULTIPLY, SCALE, SINE, Code
+from ccpin.programs.instructions import Code, Kind
 from ccpin.programs.program_sources import INPUTS, Assembled, ProgramSource, assembled, bend_of, slopes_of
 from ccpin.proof.digests import digest
 from ccpin.proof.facts import NotProvedError, known, require
@@ -183,13 +183,13 @@ def _require_instructions(code: Code) -> None:
     there = set(range(code.inputs))
     for item in code.instructions:
         require(type(item.target) is int and item.target not in there and item.target < code.size, "a value twice")
-        operands = (item.a,) if item.kind in (SINE, COSINE) else item.operands
+        operands = (item.a,) if item.kind in (Kind.SINE, Kind.COSINE) else item.operands
         require(there.issuperset(operands), "an operand that is not there")
         require(
-            item.kind not in (GAIN, ANGLE),
+            item.kind not in (Kind.GAIN, Kind.ANGLE),
             "an operation without bounds here: how far a ball, or a law's joint, is turned",
         )
-        constant = item.kind in (CONSTANT, SCALE)
+        constant = item.kind in (Kind.CONSTANT, Kind.SCALE)
         require(type(item.constant) is Fraction if constant else item.constant is None, "a constant that is none")
         there.add(item.target)
     require(there.issuperset(code.outputs), "an output that is not there")
@@ -204,7 +204,7 @@ def runnable(code: Code) -> Runnable:
         plain = _numpy_constants(code)
         factors = dict[int, EnclosedConstant]()
         for item, told in zip(exact.instructions, compiled.instructions, strict=True):
-            if item.kind in (CONSTANT, SCALE):
+            if item.kind in (Kind.CONSTANT, Kind.SCALE):
                 factors[item.target] = _factor(item.constant, float(told.constant), plain.get(item.target))
     return Runnable(exact, factors)
 
@@ -233,8 +233,8 @@ def _numpy_constants(code: Code) -> dict[int, float]:
         if all(values[number] is not None for number in item.operands):  # CONSTANT has none
             values[item.target] = value_of(item, values, np)
             found[item.target] = float(values[item.target])
-        elif item.kind == SCALE:
+        elif item.kind == Kind.SCALE:
             found[item.target] = float(item.constant)
-        elif item.kind == MULTIPLY and (values[item.a] is not None or values[item.b] is not None):
+        elif item.kind == Kind.MULTIPLY and (values[item.a] is not None or values[item.b] is not None):
             found[item.target] = float(values[item.a if values[item.a] is not None else item.b])
     return found

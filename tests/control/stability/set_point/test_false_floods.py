@@ -27,12 +27,6 @@ STIFF, SOFT = np.array([20.0, 20.0]), np.array([8.0, 8.0])
 
 
 @pytest.fixture(scope="module")
-def model():
-    """The RPDR's."""
-    return ccpin.ReducedModel(ccpin.load("rpdr"))
-
-
-@pytest.fixture(scope="module")
 def square(model):
     """Boxes over a square about the goal."""
     return certify(model.mechanism, GOAL, (GOAL - HALF, GOAL + HALF), max_depth=5)

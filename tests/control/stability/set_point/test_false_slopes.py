@@ -6,7 +6,6 @@ The oracle is ‖∂g/∂q‖ of the model at points of the atlas.
 import numpy as np
 import pytest
 
-import ccpin
 from ccpin.control import suggest_gains
 from ccpin.control.stability.set_point import certified_cells, gains, starting_cells
 from ccpin.control.stability.set_point.certified_cells import CellStore
@@ -15,12 +14,6 @@ from ccpin.errors import UnattainableGainsError
 from tests.support.paper import GOAL
 
 HALF = 0.28
-
-
-@pytest.fixture(scope="module")
-def model():
-    """The RPDR's."""
-    return ccpin.ReducedModel(ccpin.load("rpdr"))
 
 
 @pytest.fixture(scope="module")

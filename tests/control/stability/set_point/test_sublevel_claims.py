@@ -16,6 +16,7 @@ from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.proof.equations import Closures, closure_values
 from ccpin.proof.facts import Fact, NotProvedError, prove, prove_some
 from tests.support.paper import GOAL, K_P, K_V
+from tests.support.refusals import refused
 
 SPRINGS = {"joint3": {"stiffness": 2.0, "spring_reference": 0.4}}
 
@@ -37,11 +38,6 @@ def known():
 def sprung():
     """The same with a spring on an elbow."""
     return certified(joints=SPRINGS, gain=3.0 * K_P).sublevel
-
-
-def refused(make, *premises):
-    with pytest.raises(NotProvedError):
-        prove(make(), *premises)
 
 
 MISSHAPEN = {
