@@ -22,9 +22,7 @@ def test_folds_are_the_stretched_loop(curves):
     reach = np.array([np.hypot(*oracle.elbow_offset(q)) for q in folds[0].q])
     assert np.abs(reach - (oracle.A3 + oracle.A4)).max() < 1e-10
     angles = np.linspace(-np.pi, np.pi, 200, endpoint=False)
-    inside = np.array(
-        [[np.hypot(*oracle.elbow_offset((a, b))) - oracle.A3 - oracle.A4 for b in angles] for a in angles]
-    )
+    inside = np.hypot(*oracle.elbow_offset(np.meshgrid(angles, angles, indexing="ij"))) - oracle.A3 - oracle.A4
     crossing = np.argwhere(np.sign(inside) != np.sign(np.roll(inside, 1, axis=1)))
     wrapped = np.remainder(folds[0].q + np.pi, 2 * np.pi) - np.pi
     for i, j in crossing:

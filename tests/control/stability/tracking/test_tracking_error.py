@@ -257,9 +257,10 @@ def test_the_largest_error_of_sigma():
     assert certify_tracking(law, 1.15 * best.sigma_error, cells=16).verdict == "undecided"
 
 
-def test_what_cannot_be_proved_is_undecided_and_says_why():
+@pytest.mark.parametrize("cells", later(48, 128))
+def test_what_cannot_be_proved_is_undecided_and_says_why(cells):
     """Too large an ε, a path through a singularity, gains that are too weak: no bound, and no exception."""
-    large = certify_tracking(law_for(ComputedTorque), 0.3)
+    large = certify_tracking(law_for(ComputedTorque), 0.3, cells=cells)
     assert large.verdict == "undecided"
     assert np.all(np.isinf(large.error))
     assert "sigma_error" in large.reason
@@ -267,12 +268,12 @@ def test_what_cannot_be_proved_is_undecided_and_says_why():
         large.on_line(1e-3)
     model = model_of("rpdr")
     through = PointToPoint(model, START, np.radians([-180.0, -20.0]), 1.0)
-    lost = certify_tracking(law_for(ComputedTorque, reference=through), 1e-4)
+    lost = certify_tracking(law_for(ComputedTorque, reference=through), 1e-4, cells=cells)
     assert lost.verdict == "undecided"
     assert "reference itself" in lost.reason
     for gains, said in (((11.0, 1e-4), "errors up to"), ((1e-4, 0.65), "no storage function")):
         weak = PDPlus(model, PointToPoint(model, *MOVES["rpdr"]), *([gain] * 2 for gain in gains))
-        reason = certify_tracking(weak, 1e-4).reason
+        reason = certify_tracking(weak, 1e-4, cells=cells).reason
         assert said in reason
         assert "stiffer gains" in reason
 
