@@ -194,5 +194,6 @@ def _require_scale(rows: EffortRows, deviation: Array, names: Sequence[str]) -> 
         named = ", ".join(name for name, share in zip(names, np.abs(turned[-1]), strict=True) if share > _LEAST_SHARE)
         raise InvalidInputError(
             f"motors: nothing fixes the scale of {named}: with motors and all constants larger alike logs are as they "
-            "were. State how well one motor is known ('10 %'), a prior of bodies ({'inertia': '5 %'}), or less kinds"
+            "were. State how well one motor is known ('10 %'), a prior of bodies ({'inertia': '5 %'}), what was added "
+            "in another log (a load that was weighed), or less kinds"
         )
