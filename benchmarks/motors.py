@@ -7,6 +7,8 @@ effort is k times what its column says, k drawn between 0.85 and 1.15, of which 
 Told: how many of all 95 % intervals hold k, errors of k in deviations and in percent, those of their ratio to the
 first motor's, which no scale is in, and the efforts (true ones, over their root mean square) missed on a motion that
 was not in the log, with `motors=True`, without, and by the file's constants. `--effort`: noise of the efforts.
+`--load`: nothing is told of bodies beforehand, but each motion is logged twice, and the second time the last body
+carries another one as heavy, whose constants (the file's) are known.
 """
 
 from __future__ import annotations
@@ -31,28 +33,32 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("models", nargs="*", default=["rpdr"], help="installed models' names, or files")
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--effort", type=float, default=bench.EFFORT, help="noise, of the efforts' root mean square")
+    parser.add_argument("--load", action="store_true")
     parser.add_argument("--into", type=Path, help="a file of JSON lines")
     asked = parser.parse_args(arguments)
     for name in asked.models:
-        told(name, asked.runs, asked.effort, asked.into)
+        told(name, asked.runs, asked.effort, asked.load, asked.into)
 
 
-def told(name: str, runs: int, effort: float, into: Path | None = None) -> None:
+def told(name: str, runs: int, effort: float, weighed: bool, into: Path | None = None) -> None:
     """Log and identify one mechanism again and again."""
     model = ccpin.ReducedModel(ccpin.load(name))
     shown, unseen = bench.motions(model, *bench.MODELS.get(name, (0.15, 2.0, 1)))
     moved, Y = [bench.along(model, each) for each in shown], bench.along(model, unseen).Y
-    known = beforehand(model)
+    known, stated = beforehand(model), model.parameters.values
+    loads = [{}, load(model)] if weighed else [{}]
+    asked: dict[str, Any] = {"added": loads * len(moved)} if weighed else {"prior": known}
 
     def found_of(draw: np.random.Generator) -> dict[str, Any]:
         truth, k = another(model, known, draw), draw.uniform(1.0 - OFF, 1.0 + OFF, model.n)
-        logs = [said(bench.logged(model, each, each.Y @ truth, draw, effort), k) for each in moved]
-        found, plain = identify(model, logs, prior=known, motors=True), identify(model, logs, prior=known)
+        robots = [truth + model.parameters.plus(each).values - stated for each in loads]
+        logs = [said(bench.logged(model, each, each.Y @ pi, draw, effort), k) for each in moved for pi in robots]
+        found, plain = identify(model, logs, motors=True, **asked), identify(model, logs, **asked)
         of_k, efforts = found.motors, Y @ truth
         size = np.sqrt((efforts**2).mean())
         slopes = (np.eye(model.n) - np.outer(of_k.values / of_k.values[0], np.eye(model.n)[0]))[1:] / of_k.values[0]
         ratios = (of_k.values / of_k.values[0] - k / k[0])[1:]
-        sets = (found.parameters.values, plain.parameters.values, model.parameters.values)
+        sets = (found.parameters.values, plain.parameters.values, stated)
         return {
             "k": k.tolist(),
             "found": of_k.values.tolist(),
@@ -61,7 +67,7 @@ def told(name: str, runs: int, effort: float, into: Path | None = None) -> None:
             "missed": [float(np.sqrt(((Y @ each - efforts) ** 2).mean()) / size) for each in sets],
         }
 
-    lines = bench.robots(found_of, runs, into, model=name, effort=effort)
+    lines = bench.robots(found_of, runs, into, model=name, effort=effort, load=weighed)
     print(f"{Path(name).stem}: {summary(lines)}", flush=True)
 
 
@@ -73,6 +79,13 @@ def beforehand(model: ccpin.ReducedModel) -> dict[str, float]:
         sizes = [MASS * m, *[MOMENT * np.sqrt(m * s)] * 3, *[MOMENT * s] * 6]
         known |= {name: x for name, x in zip(told.names[first : first + 10], sizes, strict=True) if x > 0.0}
     return known
+
+
+def load(model: ccpin.ReducedModel) -> dict[str, float]:
+    """The ten numbers of the last body with mass."""
+    told = model.parameters
+    first = [place for place in np.flatnonzero([kind == "mass" for kind in told.kinds]) if told.values[place] > 0.0][-1]
+    return dict(zip(told.names[first : first + 10], told.values[first : first + 10].tolist(), strict=True))
 
 
 def another(model: ccpin.ReducedModel, known: dict[str, float], draw: np.random.Generator) -> np.ndarray:

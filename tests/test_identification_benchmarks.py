@@ -40,6 +40,9 @@ def test_with_motors_constants_less_is_missed(tmp_path, capsys):
     motors.main(["rpdr", "--runs", "2", "--into", str(tmp_path / "found.jsonl")])
     with_them, without, stated = missed(capsys.readouterr().out).values()
     assert with_them < 0.7 * without < 0.7 * stated
+    motors.main(["rpdr", "--runs", "1", "--load"])
+    with_them, without, stated = missed(capsys.readouterr().out).values()
+    assert with_them < 0.2 * without < 0.2 * stated
 
 
 def missed(told):

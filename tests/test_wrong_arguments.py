@@ -444,7 +444,7 @@ def _identification(b):
         "identify": (
             identification.identify,
             {"model": b.model, "logs": [log], "kinds": ("inertia",), "prior": {"mass": "5 %"}}
-            | {"robust": True, "align": False, "stribeck": False, "motors": "10 %"}
+            | {"robust": True, "align": False, "stribeck": False, "motors": "10 %", "added": [{"mass:link3": 0.1}]}
             | smoothing,
         ),
         "Log": (identification.Log, {"t": t, "columns": columns, "source": "a log"}),

@@ -14,6 +14,7 @@ from ccpin.cli.command import add_command, complete, positive
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
 from ccpin.description.formats import write_description
+from ccpin.description.names import choices
 from ccpin.dynamics.changed_constants import with_constants
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
@@ -31,7 +32,8 @@ example: ccpin identify rpdr --logs run1.csv run2.csv --out learnt.urdf --report
          ccpin identify rpdr --logs run.mcap --kinds inertia friction
          ccpin identify rpdr --logs run.csv --stribeck --report learnt.html
          ccpin identify rpdr --logs run.csv --columns q_joint1=left u_joint1=amps --units q=deg u=0.35
-         ccpin identify rpdr --logs run.csv --motors 10% --prior inertia=5%"""
+         ccpin identify rpdr --logs run.csv --motors 10% --prior inertia=5%
+         ccpin identify rpdr --logs run.csv loaded.csv --motors --added loaded.csv mass:link3=0.5 mx:link3=0.1"""
 
 
 _SIZES = ("found", "stated", "measured", "coulomb")
@@ -62,6 +64,8 @@ def add_identify(commands: Any) -> None:
     parser.add_argument("--stribeck", nargs="*", metavar="JOINT", help=falls)
     drives = "find factors of motors' efforts, known to a share (10%%), or to one each (JOINT=10%%), or not known"
     parser.add_argument("--motors", nargs="*", metavar="SHARE", help=drives)
+    more = "constants known to be larger in one of the logs, such as those of a load: mass:link3=0.5 (again for others)"
+    parser.add_argument("--added", nargs="+", action="append", metavar=("LOG", "NAME=NUMBER"), default=[], help=more)
     written = "write the mechanism with consistent constants there"
     complete(parser.add_argument("--out", type=Path, metavar="FILE", help=written), shtab.FILE)
     page = "write a page with values, deviations and what is left there"
@@ -79,7 +83,8 @@ def _identify(options: argparse.Namespace) -> int:
     logs = [Log.read(path, columns=columns, units=units, time=options.time) for path in options.logs]
     with busy(options.json, "motions behind the logs, and constants"):
         asked = {"kinds": options.kinds, "prior": prior, "robust": not options.plain, "align": options.align}
-        estimate = identify(model, logs, **asked, stribeck=stribeck, motors=_motors(options.motors), **smoothing)
+        asked |= {"stribeck": stribeck, "motors": _motors(options.motors), "added": _added(options.logs, options.added)}
+        estimate = identify(model, logs, **asked, **smoothing)
         chosen = consistent(estimate.model, estimate) if options.out or options.report else estimate.parameters
     written = []
     if options.out:
@@ -89,11 +94,11 @@ def _identify(options: argparse.Namespace) -> int:
         from ccpin.identification.estimates.constants_page import estimate_page
 
         told = []
-        for log, late in zip(logs, estimate.delays, strict=True):
+        for log, late, added in zip(logs, estimate.delays, estimate.added, strict=True):
             on_time = log.delayed({"u": late.taken}) if late.taken else log
             motion = smoothed(estimate.motors.corrected(on_time), model, **smoothing)
-            before = told_of_motion(model, model.parameters, motion)
-            told.append((log.source, before, told_of_motion(estimate.model, chosen, motion)))
+            before = told_of_motion(model, model.parameters.plus(added), motion)
+            told.append((log.source, before, told_of_motion(estimate.model, chosen.plus(added), motion)))
         page = estimate_page(estimate, chosen, told)
         write_atomically(writable_target(options.report), "w", lambda file: file.write(page))
         written.append(str(options.report))
@@ -101,6 +106,8 @@ def _identify(options: argparse.Namespace) -> int:
         print(json.dumps(_told(estimate) | {"written": written}, indent=2))
         return 0
     print(f"{estimate!r}\n{estimate.table()}")
+    for path, added in zip(options.logs, estimate.added, strict=True):
+        print("".join(f"in {path} {value:g} was added to {name}\n" for name, value in added.items()), end="")
     for each in estimate.held_out:
         missed, files = (", ".join(f"{x:.3g}" for x in sizes) for sizes in (each.found, each.stated))
         without = "" if each.coulomb is None else f"; without Stribeck's {', '.join(f'{x:.3g}' for x in each.coulomb)}"
@@ -137,6 +144,7 @@ def _told(estimate: Estimate) -> dict[str, Any]:
         "found": found,
         "stribeck": [_friction(each) for each in estimate.stribeck],
         "motors": [dict(zip(("motor", "k", "deviation"), each, strict=True)) for each in zip(*of_k, strict=True)],
+        "added": list(estimate.added),
         "samples": samples,
         "outliers": [each._asdict() for each in estimate.outliers],
         "held_out": unseen,
@@ -160,6 +168,16 @@ def _motors(given: Sequence[str] | None) -> bool | str | float | dict[str, str |
     if len(given) == 1 and "=" not in given[0]:
         return _number(given[0])
     return {name: _number(size) for name, size in _pairs(given, "--motors")}
+
+
+def _added(logs: Sequence[Path], given: Sequence[Sequence[str]]) -> list[dict[str, Any]]:
+    """Of each log, as `identify` takes it."""
+    told: dict[Path, dict[str, Any]] = {path: {} for path in logs}
+    for log, *constants in given:
+        if Path(log) not in told:
+            raise InvalidInputError(f"--added: '{log}' is none of --logs; {choices(log, map(str, logs))}")
+        told[Path(log)] |= {name: _number(value) for name, value in _pairs(constants, "--added")}
+    return [told[path] for path in logs]
 
 
 def _pairs(given: Sequence[str], option: str) -> list[tuple[str, str]]:

@@ -10,12 +10,14 @@ state a Stribeck speed `stribeck`, by how much the breakaway level is above Coul
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Record, choice
+from ccpin.arrays import Array, Indices, Record, choice, instance, number
+from ccpin.description.names import choices
+from ccpin.errors import InvalidInputError
 from ccpin.kinematics.tree import Tree, TreeJoint
 
 INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -57,6 +59,19 @@ class DynamicParameters(Record):
         wanted = {choice(kind, "kind", ("inertia", *KINDS)) for kind in kinds}
         wanted |= set(INERTIAL) if "inertia" in wanted else set()
         return np.flatnonzero([kind in wanted for kind in self.kinds])
+
+    def plus(self, added: Mapping[str, float]) -> DynamicParameters:
+        """π with more of some constants, by name, in their units: those of a load on a link, say.
+
+        Raises:
+            InvalidInputError: A name of none, or no finite number.
+        """
+        values = np.array(self.values)
+        for name, value in instance(added, "added", Mapping, "a mapping of constants' names to numbers").items():
+            if name not in self.names:
+                raise InvalidInputError(f"added: '{name}' is no constant; {choices(str(name), self.names)}")
+            values[self.names.index(name)] += number(value, f"added: '{name}'")
+        return replace(self, values=values)
 
 
 def joint_kinds(joint: TreeJoint) -> tuple[str, ...]:

@@ -75,6 +75,8 @@ def estimate_page(
         sections.append(Section("friction", "Friction that falls with speed", _friction(estimate)))
     if estimate.motors.names:
         sections.append(Section("motors", "Motors", _motors(estimate)))
+    if any(estimate.added):
+        sections.append(Section("added", "What was added", _added(estimate)))
     sections.append(Section("held-out", "What was not seen", _unseen(estimate)))
     sections.append(Section("clocks", "Clocks", _clocks(estimate)))
     sections.append(Section("noise", "Noise and outliers", _noise(estimate)))
@@ -116,6 +118,18 @@ def _motors(estimate: Estimate) -> str:
         for name, k, off in zip(of_k.names, of_k.values, of_k.deviations, strict=True)
     ]
     return paragraphs(told) + table(["motor", "k", "standard deviation"], rows)
+
+
+def _added(estimate: Estimate) -> str:
+    """What was known to be more in some of the logs."""
+    told = "By how much constants were larger in a log than those told here, as it was stated, and taken as exact."
+    unit = dict(zip(estimate.parameters.names, estimate.parameters.units, strict=True))
+    rows = [
+        [late.log, f"`{name}`", f"{value:.5g}", unit[name]]
+        for late, load in zip(estimate.delays, estimate.added, strict=True)
+        for name, value in load.items()
+    ]
+    return paragraphs(told) + table(["log", "constant", "added", "unit"], rows)
 
 
 def _unseen(estimate: Estimate) -> str:

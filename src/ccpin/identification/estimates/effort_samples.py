@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,7 @@ class EffortSamples(NamedTuple):
         stretch: Of each the number of a stretch without gaps in which no joint turns back, of shape (K,).
         rates: q̇′, of shape (K, n′).
         Y: The regressor, of shape (K, n, p). force: ρᵀSᵀu as measured, of shape (K, n).
+        added: By how much constants are known to be larger in this log, by name.
     """
 
     motion: Smoothed
@@ -35,6 +36,7 @@ class EffortSamples(NamedTuple):
     rates: Array
     Y: Array
     force: Array
+    added: Mapping[str, float]
 
     @property
     def t(self) -> Array:
@@ -42,7 +44,9 @@ class EffortSamples(NamedTuple):
         return self.motion.t[self.chosen]
 
 
-def samples_of(model: ReducedModel, motion: Smoothed, rubbing: bool) -> EffortSamples:
+def samples_of(
+    model: ReducedModel, motion: Smoothed, rubbing: bool, added: Mapping[str, float] | None = None
+) -> EffortSamples:
     """Those of a smoothed log."""
     rows = motion.with_efforts()
     terms = model.terms_many(motion.q[rows], motion.v[rows])
@@ -56,9 +60,8 @@ def samples_of(model: ReducedModel, motion: Smoothed, rubbing: bool) -> EffortSa
     ways, apart = np.sign(rates[turning][:, moves]), np.diff(motion.t[chosen])
     gaps = apart > _GAP * np.median(np.diff(motion.t[rows])) if len(apart) else apart > 0.0
     stretch = np.cumsum(np.r_[0, (ways[1:] != ways[:-1]).any(axis=1) | gaps])[: len(chosen)]
-    return EffortSamples(
-        motion, chosen, int(len(rows) - len(chosen)), stretch, rates[turning], Y, motion.forces(model, chosen)
-    )
+    left, force = int(len(rows) - len(chosen)), motion.forces(model, chosen)
+    return EffortSamples(motion, chosen, left, stretch, rates[turning], Y, force, added or {})
 
 
 def effort_outliers(

@@ -42,6 +42,7 @@ class Estimate(NamedTuple):
         model: The mechanism that the constants are of: as it was given, with the Stribeck speeds that were found.
         stribeck: What was found of the joints of which Stribeck's friction was asked for.
         motors: What was found of the motors whose constants were asked for.
+        added: Of each log by how much constants were larger than these, by name.
     """
 
     combinations: tuple[str, ...]
@@ -60,6 +61,7 @@ class Estimate(NamedTuple):
     model: ReducedModel
     stribeck: tuple[StribeckFriction, ...]
     motors: MotorConstants
+    added: tuple[dict[str, float], ...]
 
     def __repr__(self) -> str:
         used, left = self.samples

@@ -16,6 +16,7 @@ its velocity is known to is left out. Where Stribeck's friction is asked for, it
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -72,6 +73,7 @@ def identify(
     align: bool = False,
     stribeck: bool | Sequence[str] = False,
     motors: bool | str | float | Mapping[str, str | float | None] = False,
+    added: Sequence[Mapping[str, float]] | None = None,
 ) -> Estimate:
     """What logs tell of a mechanism's constants.
 
@@ -93,11 +95,13 @@ def identify(
         motors: Look for factors k of motors' efforts as well, each known to be 1 to a share (``"10 %"``) or deviation,
             of all or by name; of ``None`` nothing is known, nor of any with ``True``
             (`ccpin.identification.estimates.motor_constants`). Motors that are not named are as their columns say.
+        added: Of each log by how much constants were larger than in the others, by name, as those of a load that was
+            weighed: taken as exact. What is told is of the mechanism without; ``{}``: as it is.
 
     Raises:
         InvalidInputError: No log, an effort was not measured, too few samples to tell anything, a prior of what is
-            not looked for, a Stribeck effect of joints without friction, motors that are not as many as coordinates, or
-            nothing that fixes their scale.
+            not looked for, a Stribeck effect of joints without friction, motors that are not as many as coordinates,
+            nothing that fixes their scale, or what was added is not told of each log, or of no constant.
         UnsupportedMechanismError: A coordinate is a ball or a circle.
         ConvergenceError: Clocks that are so far apart that setting them right does not settle, or motors' constants.
     """
@@ -113,6 +117,7 @@ def identify(
     if asked and "friction" not in kinds:
         raise InvalidInputError("stribeck: 'friction' is not among the kinds that are looked for")
     known = stated_prior(model.parameters, model.parameters.of(*kinds), prior)
+    loads = _loads(model, added, len(logs))
     for log in logs:
         if missing := [name for name in model.mechanism.actuated if f"u_{name}" not in log.columns]:
             raise InvalidInputError(f"no column 'u_{missing[0]}' in {log!r}: each motor's effort must be measured")
@@ -120,7 +125,8 @@ def identify(
     for turn in range(_MOST_TURNS):
         on_time = [log.delayed({"u": late}) if late else log for log, late in zip(logs, taken.tolist(), strict=True)]
         motions = [smoothed(log, model, spacing=spacing, noise=noise, smoothness=_SMOOTHNESS) for log in on_time]
-        samples = [samples_of(model, motion, "friction" in kinds) for motion in motions]
+        rubbing = "friction" in kinds
+        samples = [samples_of(model, each, rubbing, load) for each, load in zip(motions, loads, strict=True)]
         found = _effects(model, samples, kinds, known)
         rows_of = partial(_rows, model, found=found, known=known)
         driven = fitted_motors(model, samples, rows_of, partial(NO_SPEEDS.slopes, model), drives, robust)
@@ -139,6 +145,16 @@ def identify(
     told = zip(logs, *delays, taken, strict=True)
     late = tuple(Delay(log.source, float(d + own), float(off), float(own)) for log, d, off, own in told)
     return _estimate(best, plain, speeds, drives, late)
+
+
+def _loads(model: ReducedModel, added: object, logs: int) -> tuple[Mapping[str, float], ...]:
+    """What was added in each log."""
+    told: tuple[Mapping[str, float], ...] = ({},) * logs if added is None else records(added, "added", Mapping)
+    if len(told) != logs:
+        raise InvalidInputError(f"added: {len(told)} of {logs} logs are told of; say {{}} where nothing was added")
+    for each in told:
+        model.parameters.plus(each)
+    return told
 
 
 class _Fitted(NamedTuple):
@@ -206,14 +222,15 @@ def _effects(model: ReducedModel, samples: Sequence[EffortSamples], kinds: Seque
 
 
 def _rows(model: ReducedModel, samples: Sequence[EffortSamples], found: Effects, known: Prior) -> EffortRows:
-    """W β = τ less what constants that are not looked for make, and what is known beforehand."""
-    values = model.parameters.values
-    others = np.setdiff1d(np.arange(len(values)), found.columns)
-    tau = np.concatenate([each.force - each.Y[..., others] @ values[others] for each in samples])
+    """W β = τ less what constants that are not looked for, or were added, make, and what is known beforehand."""
+    values = np.array(model.parameters.values)
+    values[found.columns] = 0.0
+    others = replace(model.parameters, values=values)
+    tau = np.concatenate([each.force - each.Y @ others.plus(each.added).values for each in samples])
     W = np.concatenate([found.reduced(each.Y) for each in samples]).reshape(*tau.shape, -1)
     places = np.searchsorted(found.columns, known.columns)
     P = found.basis[places] / (found.scale[places] * known.deviations)[:, None]
-    return EffortRows(W, tau, P, values[known.columns] / known.deviations)
+    return EffortRows(W, tau, P, model.parameters.values[known.columns] / known.deviations)
 
 
 def _further(samples: Sequence[EffortSamples], rows: EffortRows, fit: RobustFit) -> tuple[Array, Array]:
@@ -242,7 +259,7 @@ def _estimate(
     parameters = DynamicParameters(everything.names, everything.kinds, everything.units, values)
     covariance = with_motion_errors(model, samples, both, fit, parameters, k)
     measured = np.concatenate([each.force for each in samples])
-    missed = measured - np.concatenate([each.Y @ everything.values for each in samples])
+    missed = measured - np.concatenate([each.Y @ everything.plus(each.added).values for each in samples])
     own = fit.counted
     counted = np.split(own, np.cumsum([len(each.chosen) for each in samples])[:-1])
     parts = parts_of([each.t[c] for each, c in zip(samples, counted, strict=True)], [each.log for each in late])
@@ -270,6 +287,7 @@ def _estimate(
         model,
         told_friction(speeds, found, parameters, covariance),
         told_motors(drives, k, covariance, to_values),
+        tuple(dict(each.added) for each in samples),
     )
 
 

@@ -37,13 +37,13 @@ def with_motion_errors(
     k: Array | None,
 ) -> Array:
     """Cov β̂, of shape (r, r), of a fit of all samples, L of constants π; with motors' k it is M L, L of efforts k u."""
-    pi = np.array(constants.values)
-    pi[constants.of("friction", "stribeck")] = 0.0
     scores = np.where(fit.counted[:, None, None], rows.W / (fit.deviation**2)[:, None], 0.0)
     S, ends = np.zeros_like(fit.covariance), np.cumsum([len(each.chosen) for each in samples])[:-1]
     for each, X in zip(samples, np.split(scores, ends), strict=True):
         if not len(each.chosen):
             continue
+        pi = np.array(constants.plus(each.added).values)
+        pi[constants.of("friction", "stribeck")] = 0.0
         at = _apart(each.t)
         motion, places = each.motion, each.chosen[at]
         u = motion.u[places] if k is None else k * motion.u[places]

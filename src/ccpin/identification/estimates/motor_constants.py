@@ -7,7 +7,8 @@ Noise is in u, so that k stands with what is free of it: with A = ρᵀSᵀ squa
 linear in π at each k, and solved by Gauss and Newton's iteration with these columns beside M Y (regression of Y π on
 A diag(k) u would make k too small: W. Fuller, Measurement error models, 1987). Without friction or other constants that
 are taken as stated, π and k scaled alike explain a log alike: what is known beforehand of a motor or of bodies fixes
-the scale, and how well is in the covariance; where nothing does, nothing is told.
+the scale, and how well is in the covariance; where nothing does, nothing is told. k is the mode of its own posterior,
+not of k's and π's together, which is below it where bodies fix the scale (`marginal_motors`).
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, instance
+from ccpin.arrays import Array, Indices, instance, inverses
 from ccpin.description.names import choices
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import ConvergenceError, InvalidInputError
 from ccpin.identification.estimates.effort_samples import EffortSamples
+from ccpin.identification.estimates.marginal_motors import marginal_rows
 from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit, fitted_robustly, with_columns
 from ccpin.identification.estimates.stated_priors import deviation
 from ccpin.identification.logs.log import Log
@@ -79,7 +81,8 @@ class FittedMotors(NamedTuple):
     Attributes:
         samples: Those given, Y as columns say it: M Y.
         rows: M W β = A u.
-        both: The same with columns beside M W, those given, then those by k, and what is known of k. fit: Of these.
+        both: The same with columns beside M W, those given, then those by k, and what is known of k; what is integrated
+            out tells of k as rows known beforehand do (`marginal_rows`). fit: Of these.
         k: Of all motors; ``None``: not asked for.
     """
 
@@ -144,20 +147,22 @@ def fitted_motors(
     fit = fitted_robustly(both, robust)
     if not asked.names:
         return FittedMotors(samples, rows, both, fit, None)
-    A = [each.motion.transmission(model, each.chosen) for each in samples]
-    inverse, force = np.linalg.inv(np.concatenate(A)), np.concatenate([each.force for each in samples])
+    parts = [each.motion.transmission(model, each.chosen) for each in samples]
+    A, force = np.concatenate(parts), np.concatenate([each.force for each in samples])
+    inverse = inverses(A)
     k, r, own, m = np.ones(model.n), rows.W.shape[2], asked.places, len(asked.names)
     for turn in range(_MOST_STEPS):
-        drawn = [s._replace(Y=as_logged(a, k) @ s.Y) for s, a in zip(samples, A, strict=True)]
+        drawn = [s._replace(Y=as_logged(a, k) @ s.Y) for s, a in zip(samples, parts, strict=True)]
         rows = rows_of(drawn)
         efforts = np.einsum("sij,sj->si", inverse, force - rows.left(fit.beta[:r])) / k
-        slopes = np.concatenate([beside(drawn), -(np.concatenate(A) * efforts[:, None])[..., own]], axis=2)
-        both = with_columns(rows, slopes)
-        known = np.eye(m, both.W.shape[2], both.W.shape[2] - m) / asked.deviations[:, None]
-        p = np.r_[both.p, (1.0 - k[own]) / asked.deviations]
-        both = both._replace(P=np.concatenate([both.P, known]), p=p)
+        free = with_columns(rows, beside(drawn))
+        both = with_columns(free, -(A * efforts[:, None])[..., own])
+        both = _with_known(both, np.eye(m) / asked.deviations[:, None], (1.0 - k[own]) / asked.deviations)
         if not turn:
             _require_scale(both, fit.deviation, asked.names)
+        counted = fit.counted
+        further, p = marginal_rows(free.of(counted), A[counted][..., own], inverse[counted][:, own], fit.deviation)
+        both = _with_known(both, further / k[own], p)
         fit = fitted_robustly(both, robust)
         step, away = fit.beta[-m:], np.linalg.inv(fit.covariance[-m:, -m:])
         if step @ away @ step <= _SETTLED**2 or (np.abs(step) <= _ROUNDING * k[own]).all():
@@ -173,6 +178,12 @@ def told_motors(asked: StatedMotors, k: Array | None, covariance: Array, to_valu
     return MotorConstants(asked.names, values, covariance[first:, first:], covariance[first:, :r] @ to_values.T)
 
 
+def _with_known(rows: EffortRows, further: Array, p: Array) -> EffortRows:
+    """Rows of what is known of the last columns besides."""
+    further = np.pad(further, ((0, 0), (rows.P.shape[1] - further.shape[1], 0)))
+    return rows._replace(P=np.concatenate([rows.P, further]), p=np.r_[rows.p, p])
+
+
 def _require_scale(rows: EffortRows, deviation: Array, names: Sequence[str]) -> None:
     """Check that no motors' columns are explained by constants, and by other motors', whose scale is then anyone's."""
     m, columns = len(names), rows.W.shape[2]
@@ -183,5 +194,6 @@ def _require_scale(rows: EffortRows, deviation: Array, names: Sequence[str]) -> 
         named = ", ".join(name for name, share in zip(names, np.abs(turned[-1]), strict=True) if share > _LEAST_SHARE)
         raise InvalidInputError(
             f"motors: nothing fixes the scale of {named}: with motors and all constants larger alike logs are as they "
-            "were. State how well one motor is known ('10 %'), a prior of bodies ({'inertia': '5 %'}), or less kinds"
+            "were. State how well one motor is known ('10 %'), a prior of bodies ({'inertia': '5 %'}), what was added "
+            "in another log (a load that was weighed), or less kinds"
         )

@@ -18,7 +18,9 @@ for S shots (K.-Y. Liang and S. Zeger, Longitudinal data analysis using generali
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -30,7 +32,7 @@ from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError
 from ccpin.identification.calibration.geometry_numbers import changed_mechanism, named_numbers
 from ccpin.identification.estimates.effort_samples import samples_of
-from ccpin.identification.estimates.shooting import MotionShot, VariedPlant, followed
+from ccpin.identification.estimates.shooting import FollowedShots, MotionShot, VariedPlant, followed
 from ccpin.identification.logs.log import Log
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.programs.recording.constants import Parameter, geometry_of
@@ -77,13 +79,18 @@ class Refined(NamedTuple):
 
 
 class _OutputErrors:
-    """The logs as shots, and what is looked for, in units in which it changes alike."""
+    """The logs as shots, with what was added in each, and what is looked for, in units in which it changes alike."""
 
     def __init__(
-        self, model: ReducedModel, estimate: Estimate, geometry: Sequence[Parameter], shots: list[MotionShot]
+        self,
+        model: ReducedModel,
+        estimate: Estimate,
+        geometry: Sequence[Parameter],
+        shots: list[MotionShot],
+        added: Sequence[Mapping[str, float]],
     ) -> None:
         found = estimate.effects
-        self.model, self.geometry, self.shots = model, tuple(geometry), shots
+        self.model, self.geometry, self.shots, self.added = model, tuple(geometry), shots, added
         self.base = estimate.parameters
         noise = [[motion.noise[f"q_{part.name}"] for part in model.coordinates.parts] for motion in estimate.motions]
         self.noise = np.sqrt(np.mean(np.square(noise), axis=0))
@@ -92,10 +99,10 @@ class _OutputErrors:
         self.tangent[found.columns] = (found.basis / found.scale[:, None]) @ np.linalg.inv(turned)
         self.start = np.r_[estimate.values, [each.value for each in geometry]]
 
-    def constants(self, values: Array) -> Array:
+    def constants(self, values: Array) -> DynamicParameters:
         """π."""
         k = self.tangent.shape[1]
-        return np.asarray(self.base.values + self.tangent @ (values - self.start)[:k])
+        return replace(self.base, values=self.base.values + self.tangent @ (values - self.start)[:k])
 
     def changed(self, lengths: Array) -> ReducedModel:
         """The mechanism with other lengths."""
@@ -106,10 +113,7 @@ class _OutputErrors:
 
     def at(self, values: Array, starts: Array) -> tuple[list[Array], list[Array], list[Array]]:
         """What is left of each shot over its noise (K n,), and its derivatives by starts and by numbers."""
-        lengths, unit = values[self.tangent.shape[1] :], np.eye(len(self.geometry))
-        pairs = tuple((self.changed(lengths + _STEP * e), self.changed(lengths - _STEP * e)) for e in unit)
-        plant = VariedPlant(self.changed(lengths), self.constants(values), self.tangent, pairs, (_STEP,) * len(unit))
-        told = followed(plant, self.shots, starts)
+        told = self._followed(values, starts)
         found: tuple[list[Array], list[Array], list[Array]] = ([], [], [])
         for shot, q, by_start, by_numbers in zip(self.shots, told.q, told.by_start, told.by_numbers, strict=True):
             there = ~np.isnan(shot.q)
@@ -118,6 +122,20 @@ class _OutputErrors:
             found[1].append(by_start[there] * weight[:, None])
             found[2].append(by_numbers[there] * weight[:, None])
         return found
+
+    def _followed(self, values: Array, starts: Array) -> FollowedShots:
+        """The motions of all shots, those with the same added constants at once."""
+        lengths, unit = values[self.tangent.shape[1] :], np.eye(len(self.geometry))
+        pairs = tuple((self.changed(lengths + _STEP * e), self.changed(lengths - _STEP * e)) for e in unit)
+        model, constants = self.changed(lengths), self.constants(values)
+        told, first = FollowedShots([], [], []), 0
+        for added, run in groupby(self.added):
+            own = slice(first, first + len(list(run)))
+            plant = VariedPlant(model, constants.plus(added).values, self.tangent, pairs, (_STEP,) * len(unit))
+            for all_of_them, found in zip(told, followed(plant, self.shots[own], starts[own]), strict=True):
+                all_of_them += found
+            first = own.stop
+        return told
 
 
 def refined(
@@ -135,18 +153,18 @@ def refined(
     if estimate.motors.names:
         raise InvalidInputError("with motors' constants take another estimate, of `motors.corrected(log)`")
     named = named_numbers(geometry_of(model), geometry, "geometry") if geometry else ()
-    shots, starts = _cut(model, estimate, logs, positive(horizon, "horizon", "a positive number of seconds"))
-    search = _OutputErrors(model, estimate, named, shots)
+    shots, starts, added = _cut(model, estimate, logs, positive(horizon, "horizon", "a positive number of seconds"))
+    search = _OutputErrors(model, estimate, named, shots, added)
     return _solved(search, starts, (*estimate.combinations, *(each.name for each in named)))
 
 
 def _cut(
     model: ReducedModel, estimate: Estimate, logs: Sequence[Log], horizon: float
-) -> tuple[list[MotionShot], Array]:
-    """Shots, and where the smoothed motions have them begin."""
-    shots, starts = [], []
+) -> tuple[list[MotionShot], Array, list[Mapping[str, float]]]:
+    """Shots, where the smoothed motions have them begin, and what was added."""
+    shots, starts, loads = [], [], list[Mapping[str, float]]()
     spoilt = {each.t for each in estimate.outliers}
-    for log, late, motion in zip(logs, estimate.delays, estimate.motions, strict=True):
+    for log, late, motion, added in zip(logs, estimate.delays, estimate.motions, estimate.added, strict=True):
         on_time = log.delayed({"u": late.taken}) if late.taken else log
         columns = [f"q_{part.name}" for part in model.coordinates.parts]
         measured = np.column_stack([on_time.columns[name] for name in columns])
@@ -165,9 +183,10 @@ def _cut(
                 between = make_interp_spline(t, u, 3)((t[1:] + t[:-1]) / 2.0)
                 shots.append(MotionShot(t, measured[part], u, between))
                 starts.append(np.r_[motion.q[part[0]], motion.v[part[0]]])
+                loads.append(added)
     if not shots:
         raise InvalidInputError(f"between reversals there are nowhere {_LEAST} samples in a row: sample faster")
-    return shots, np.array(starts)
+    return shots, np.array(starts), loads
 
 
 def _solved(search: _OutputErrors, starts: Array, names: tuple[str, ...]) -> Refined:
@@ -194,14 +213,9 @@ def _solved(search: _OutputErrors, starts: Array, names: tuple[str, ...]) -> Ref
         )
         deviations = np.sqrt(np.diag(covariance))
         if (np.abs(step) <= _SETTLED * deviations).all():
-            parameters = DynamicParameters(
-                search.base.names, search.base.kinds, search.base.units, search.constants(values)
-            )
-            lengths = values[search.tangent.shape[1] :]
-            missed = np.array([first, _missed(search, left)])
-            return Refined(
-                names, values, search.start, covariance, parameters, search.changed(lengths), missed, len(search.shots)
-            )
+            changed = search.changed(values[search.tangent.shape[1] :])
+            missed, parameters = np.array([first, _missed(search, left)]), search.constants(values)
+            return Refined(names, values, search.start, covariance, parameters, changed, missed, len(search.shots))
         cost, share = sum(float(r @ r) for r in left), 1.0
         for _ in range(_MOST_HALVINGS):
             try:
