@@ -21,15 +21,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin import programs
-from ccpin.programs.cuda import CudaProgram
-from ccpin.programs.lanes import CompiledProgram
-from ccpin.programs.program import Program
-from ccpin.programs.sine_cosine import PRECISIONS, Format
+from ccpin.programs import Program, cuda, lanes
 
 MODELS = ("rpdr", "docs/howto/ankle.urdf", "delta", "stewart")
 QUANTITIES = {"accelerations": ("forward_dynamics", "closed"), "with_sigma": ("forward_dynamics", "near")}
 DRAWN, ROWS, ROUNDS = 4096, 2**20, 5  # states drawn; rows on the GPU, of these again and again
 ENVIRONMENTS, STEPS, STEP = (4096, 65536, 2**20), 100, 1e-3
+FORMATS = ("double", "float")
 SPREAD = 0.05  # rad or m about the reference
 LONGEST = 45.0  # seconds that another's compiler may take
 
@@ -40,9 +38,9 @@ class Recorded(NamedTuple):
     name: str
     program: Program
     rows: np.ndarray
-    format: Format
-    kernel: CudaProgram
-    lanes: CompiledProgram
+    format: str
+    kernel: cuda.CudaProgram
+    lanes: Any
     seconds: float
 
 
@@ -83,13 +81,13 @@ def program_of(folder: Path, name: str, what: str) -> tuple[Program, np.ndarray]
     return Program.load(folder / f"{name}.{what}.json"), np.load(folder / f"{name}.{what}.npy")
 
 
-def built(folder: Path, name: str, what: str, format: Format) -> Recorded:
+def built(folder: Path, name: str, what: str, format: str) -> Recorded:
     """A program for the GPU and for the processor."""
     program, rows = program_of(folder, name, what)
     began = time.perf_counter()
-    kernel = CudaProgram(program, format)
+    kernel = cuda.CudaProgram(program, format)
     seconds = time.perf_counter() - began
-    return Recorded(f"{name} {what}", program, rows, format, kernel, CompiledProgram(program, format), seconds)
+    return Recorded(f"{name} {what}", program, rows, format, kernel, lanes.CompiledProgram(program, format), seconds)
 
 
 def inputs(program: Program, rows: np.ndarray, count: int) -> list[np.ndarray]:
@@ -220,11 +218,9 @@ def beside(folder: Path, name: str, who: str) -> None:
     else:
         import torch
 
+        if who != "torch":
+            sys.modules["cupy"] = None  # type: ignore[assignment]
         function = programs.as_function(program, "torch")
-        if who == "torch, written out":
-            from ccpin.programs.bridges.torch_function import written_out
-
-            function = lambda *tensors: {"forward_dynamics": written_out(program, tensors)[0]}  # noqa: E731
         given = [torch.asarray(each, device="cuda") for each in given]
         found = function(*given)["forward_dynamics"].cpu()
         made = time.perf_counter() - began
@@ -234,8 +230,8 @@ def beside(folder: Path, name: str, who: str) -> None:
             torch.cuda.synchronize()
 
         ms = wall(run)
-    lanes = CompiledProgram(program)(*inputs(program, rows, DRAWN))[0]
-    off = np.abs(np.asarray(found)[:DRAWN] - lanes).max() / np.abs(lanes).max()
+    wanted = lanes.CompiledProgram(program)(*inputs(program, rows, DRAWN))[0]
+    off = np.abs(np.asarray(found)[:DRAWN] - wanted).max() / np.abs(wanted).max()
     print(
         f"{name:10s}{who:20s}{1e6 * ms / ROWS:12.3f} ns a row, {off:.0e} off, first answer after {made:.1f} s",
         flush=True,
@@ -264,7 +260,7 @@ def main(arguments: list[str] | None = None) -> None:
     )
     heads = zip(words, widths, strict=True)
     print(" " * 36 + "".join(f"{head:>{wide}s}" for head, wide in heads))
-    wanted = [(name, what, format) for name in names for what in (*QUANTITIES, "step") for format in PRECISIONS]
+    wanted = [(name, what, format) for name in names for what in (*QUANTITIES, "step") for format in FORMATS]
     with ThreadPoolExecutor() as pool:
         everything = list(pool.map(lambda each: built(asked.folder, *each), wanted))
     for recorded in everything:
@@ -276,7 +272,7 @@ def main(arguments: list[str] | None = None) -> None:
             for line in steps_lines(recorded):
                 print(line, flush=True)
     print()
-    for who, some in (("torch", names), ("torch, written out", names), ("mjx", names), ("jax", names[:2])):
+    for who, some in (("torch", names), ("torch, no CuPy", names), ("mjx", names), ("jax", names[:2])):
         for name in some:
             command = [sys.executable, "-m", "benchmarks.on_gpu", str(asked.folder), name, "--beside", who]
             try:
