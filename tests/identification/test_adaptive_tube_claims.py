@@ -261,6 +261,9 @@ def test_a_certificate_says_what_its_fact_does(certificate, known):
     assert np.all(certificate.ultimate <= certificate.errors[-1])
     np.testing.assert_allclose(certificate.efforts, known.found["efforts"].max(axis=0))
     np.testing.assert_allclose(certificate.mean_square(np.inf) * [4.0, 3.0], known.found["power"][0])
+    for wrong in (0.0, -1.0, np.nan, "long"):
+        with pytest.raises(InvalidInputError, match="duration"):
+            certificate.mean_square(wrong)
     started = certificate.mean_square(2.0) * [4.0, 3.0]
     np.testing.assert_allclose(started, known.found["power"][0] + 0.5 * known.found["first"][0])
     assert certificate.times[0] == 0.0

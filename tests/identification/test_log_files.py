@@ -85,6 +85,7 @@ def test_joint_states_of_a_bag_by_their_stamps(tmp_path):
         ("t,hip\n0,1\n1,2\n", "no column q_"),
         ("t,q_hip\n0,1\n0,2\n", "two samples at one time"),
         ("t,q_hip\n0,1\n,2\n", "time that is not finite"),
+        ("t,q_hip\n0,1\n2,2\n1.5,3\n3,4\n", "goes back after 2 s, to 1.5 s"),
         ("t,q_hip\n0,1\n1,inf\n", "infinite"),
         ("t,q_hip\n0,1\n", "two finite times"),
     ],
@@ -109,6 +110,9 @@ def test_what_is_no_log_is_refused(tmp_path):
     for wrong in (
         {"columns": {"q_hip": "hop"}},
         {"units": {"q": "furlong"}},
+        {"units": {"q": "rpm"}},
+        {"units": {"q_hpi": "deg"}},
+        {"units": {"u": 0.35}},
         {"time": "clock"},
         {"columns": {"hip": "q_hip"}},
     ):
@@ -131,6 +135,8 @@ def test_a_delay_of_one_column_moves_it_alone():
     assert moved.between(0.2, 0.4).t.min() >= 0.2
     with pytest.raises(InvalidInputError, match="no column 'knee'"):
         log.delayed({"knee": 0.1})
+    with pytest.raises(InvalidInputError, match="no column 'u_left'"):
+        Log(T, {"u_left_hip": T}).delayed({"u_left": 0.1})
 
 
 def test_a_log_cannot_be_written_to_and_keeps_no_arrays_of_callers():
@@ -142,6 +148,7 @@ def test_a_log_cannot_be_written_to_and_keeps_no_arrays_of_callers():
         log.columns["q_hip"][0] = 1.0
     with pytest.raises((TypeError, AttributeError)):
         log.columns["q_hip"] = Q
+    assert len({log, Log(T, {"q_hip": Q})}) == 2
 
 
 @pytest.mark.parametrize("columns", [{"hip": Q}, {"q_hip": Q[:-1]}, {"q_hip": np.full(11, np.inf)}, {"q_hip": Q * 1j}])

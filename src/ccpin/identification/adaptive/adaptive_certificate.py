@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, instance, whole
+from ccpin.arrays import Array, instance, positive, whole
 from ccpin.control.stability.tracking.reference_tube import cut_along, theta_at_start
 from ccpin.control.stability.tracking.tracking_equations import ReferencePieces
 from ccpin.control.stability.tracking.tracking_error import bound_at_start, require_scalar
@@ -93,11 +93,15 @@ class AdaptiveCertificate(TubeCertificate):
 
         Args:
             duration: t, s; infinity for what is left.
+
+        Raises:
+            InvalidInputError: It is not positive.
         """
+        per_second = 0.0 if isinstance(duration, float) and duration == np.inf else 1.0 / positive(duration, "duration")
         if self._known is None:
             return np.full(self.law.model.n, np.inf)
         first, power = (self._known.found[name][0] for name in ("first", "power"))
-        return np.asarray((first / duration + power) / np.diag(self.law.K) * SLACK)
+        return np.asarray((first * per_second + power) / np.diag(self.law.K) * SLACK)
 
 
 def certify_adaptive(

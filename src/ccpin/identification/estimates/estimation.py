@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -50,7 +51,7 @@ from ccpin.identification.estimates.stribeck_friction import (
     with_effect,
 )
 from ccpin.identification.estimates.stribeck_search import found_speeds
-from ccpin.identification.logs.log import Log
+from ccpin.identification.logs.log import Log, same
 from ccpin.identification.logs.smoothing import smoothed
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -95,9 +96,9 @@ def identify(
             (`ccpin.identification.estimates.motor_constants`). Motors that are not named are as their columns say.
 
     Raises:
-        InvalidInputError: No log, an effort was not measured, too few samples to tell anything, a prior of what is
-            not looked for, a Stribeck effect of joints without friction, motors that are not as many as coordinates, or
-            nothing that fixes their scale.
+        InvalidInputError: No log, or one twice, an effort was not measured, too few samples to tell anything, a prior of
+            what is not looked for, a Stribeck effect of joints without friction, motors that are not as many as
+            coordinates, or nothing that fixes their scale.
         UnsupportedMechanismError: A coordinate is a ball or a circle.
         ConvergenceError: Clocks that are so far apart that setting them right does not settle, or motors' constants.
     """
@@ -105,6 +106,9 @@ def identify(
     logs = records([logs] if isinstance(logs, Log) else logs, "logs", Log)
     if not logs:
         raise InvalidInputError("no log: there is nothing to learn from")
+    for (j, log), (k, other) in combinations(enumerate(logs), 2):
+        if same(log, other):
+            raise InvalidInputError(f"logs[{j}] and logs[{k}] are one: what it tells would count twice")
     for name, value in (("robust", robust), ("align", align)):
         instance(value, name, bool, "True or False")
     asked, given, drives = asked_joints(model, stribeck), model, asked_motors(model, motors)

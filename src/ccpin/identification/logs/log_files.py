@@ -15,12 +15,13 @@ from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.simulation.results.saving import data_frame, write_parquet
 
-FACTORS = {
-    **{"rad": 1.0, "m": 1.0, "rad/s": 1.0, "m/s": 1.0, "N m": 1.0, "N": 1.0},
-    **{"deg": math.pi / 180, "rev": 2 * math.pi, "mm": 1e-3, "N mm": 1e-3, "mm/s": 1e-3},
-    **{"deg/s": math.pi / 180, "rev/s": 2 * math.pi, "rpm": 2 * math.pi / 60},
+_DEG, _REV = math.pi / 180, 2 * math.pi
+UNITS = {
+    "q": {"rad": 1.0, "m": 1.0, "deg": _DEG, "rev": _REV, "mm": 1e-3},
+    "v": {"rad/s": 1.0, "m/s": 1.0, "deg/s": _DEG, "rev/s": _REV, "rpm": _REV / 60, "mm/s": 1e-3},
+    "u": {"N m": 1.0, "N": 1.0, "N mm": 1e-3},
 }
-"""Units that a file may have its numbers in, and what they are in SI."""
+"""Units that a file may have its positions, velocities and efforts in, and what they are in SI."""
 TIMES = ("t", "time", "tout")
 """What a column of times is called, unless it is said."""
 
@@ -39,7 +40,8 @@ def recorded(path: Path, time: str | None) -> Recorded:
     """All columns of a file by name.
 
     Raises:
-        InvalidInputError: The suffix is unknown, the file is damaged or has no times, or a package is not installed.
+        InvalidInputError: The suffix is unknown, the file is damaged, has no times or times that go back, or a package
+            is not installed.
     """
     if path.is_dir() or path.suffix in (".mcap", ".db3", ".bag"):
         return _of_ros(path)
@@ -171,6 +173,11 @@ def _with_times(table: Mapping[str, Array], time: str | None) -> Recorded:
             f"no column of times {time or ' or '.join(TIMES)}; there are {', '.join(table) or 'none'}"
         )
     t = table[called]
+    if (back := np.flatnonzero(np.diff(t) < 0.0)).size:
+        raise InvalidInputError(
+            f"'{called}' goes back after {t[back[0]]:.9g} s, to {t[back[0] + 1]:.9g} s: a clock was set, or these are "
+            "several logs"
+        )
     return {name: Channel(t, values) for name, values in table.items() if name != called and values.shape == t.shape}
 
 
