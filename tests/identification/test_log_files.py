@@ -1,5 +1,7 @@
 """Logs from files of all kinds, and what is wrong with them."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -43,6 +45,13 @@ def test_matlab_vectors_and_structures_with_time(tmp_path):
     same(Log.read(tmp_path / "out.mat", columns={"q_hip": "yout.0", "u_hip": "yout.1"}))
 
 
+def test_spans_of_time_are_no_seconds(tmp_path):
+    pd = pytest.importorskip("pandas")
+    pd.DataFrame({"t": pd.to_timedelta(T, unit="s"), "q_hip": Q}).to_parquet(tmp_path / "a.parquet")
+    with pytest.raises(InvalidInputError, match="no column of times"):
+        Log.read(tmp_path / "a.parquet")
+
+
 def test_arrays_of_a_simulator(tmp_path):
     np.savez(tmp_path / "run.npz", time=T, qpos=np.c_[T, Q], ctrl=U[:, None])
     same(Log.read(tmp_path / "run.npz", columns={"q_hip": "qpos.1", "u_hip": "ctrl"}))
@@ -72,6 +81,15 @@ def test_joint_states_of_a_bag_by_their_stamps(tmp_path):
             assert np.array_equal(log.columns["q_hip"], Q)
             assert np.array_equal(log.columns["u_knee"], 2.0 * U, equal_nan=True)
             assert "v_hip" not in log.columns
+        whole, damaged = path.read_bytes(), tmp_path / f"damaged{path.suffix}"
+        for place in np.random.default_rng(0).integers(len(whole), size=(12, 3)):
+            spoilt = np.frombuffer(whole, np.uint8).copy()
+            spoilt[place] ^= 255
+            damaged.write_bytes(spoilt.tobytes())
+            with suppress(InvalidInputError):
+                Log.read(damaged)
+    with pytest.raises(InvalidInputError, match="no bag"):
+        Log.read(tmp_path)
 
 
 @pytest.mark.parametrize(

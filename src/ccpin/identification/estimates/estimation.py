@@ -96,8 +96,8 @@ def identify(
             (`ccpin.identification.estimates.motor_constants`). Motors that are not named are as their columns say.
 
     Raises:
-        InvalidInputError: No log, or one twice, an effort was not measured, too few samples to tell anything, a prior of
-            what is not looked for, a Stribeck effect of joints without friction, motors that are not as many as
+        InvalidInputError: No log, or one twice, an effort was not measured, too few samples to tell anything, a prior
+            of what is not looked for, a Stribeck effect of joints without friction, motors that are not as many as
             coordinates, or nothing that fixes their scale.
         UnsupportedMechanismError: A coordinate is a ball or a circle.
         ConvergenceError: Clocks that are so far apart that setting them right does not settle, or motors' constants.

@@ -119,7 +119,7 @@ def _of_parquet(path: Path) -> dict[str, Array]:
         frame = pd.read_parquet(path)
     except ImportError as error:
         raise InvalidInputError(f"Parquet needs pandas and pyarrow ({error}); pip install 'ccpin[tables]'") from None
-    numeric = frame.select_dtypes("number")
+    numeric = frame.select_dtypes("number", exclude="timedelta")
     return {str(name): numeric[name].to_numpy(dtype=np.float64) for name in numeric.columns}
 
 
@@ -184,7 +184,7 @@ def _with_times(table: Mapping[str, Array], time: str | None) -> Recorded:
 def _of_ros(path: Path) -> Recorded:
     """Joint states of all topics by joint; times from the first stamp of all."""
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise InvalidInputError("bags need rosbags; pip install 'ccpin[bags]'") from None
@@ -195,8 +195,8 @@ def _of_ros(path: Path) -> Recorded:
             for connection, _, raw in bag.messages(connections=states) if states else ():
                 for name, stamp, value in _joint_state(bag.deserialize(raw, connection.msgtype)):
                     samples.setdefault(name, []).append((stamp, value))
-    except AnyReaderError as error:
-        raise InvalidInputError(f"no bag that can be read ({error})") from error
+    except Exception as error:  # of its own, of YAML, of SQLite, and whatever damaged messages bring about
+        raise InvalidInputError(f"no bag that can be read ({error!s:.200} {type(error).__name__})") from error
     if not samples:
         raise InvalidInputError("the bag has no sensor_msgs/JointState with numbers")
     first, found = min(at for rows in samples.values() for at, _ in rows), {}
