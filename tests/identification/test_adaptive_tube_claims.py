@@ -283,6 +283,19 @@ def test_a_fact_about_another_law_says_nothing_of_this(certificate):
     loaded = replace(certificate, proved=pickle.loads(pickle.dumps(certificate.proved)))
     assert loaded.verdict == "undecided"
     assert loaded.replay().verdict == "proven"
+
+
+def test_a_law_that_was_changed_is_another(certificate):
+    """A certificate remembers no verdict: gains, or a period, that somebody writes into its law are looked at."""
+    law = law_of()
+    mine = replace(certificate, law=law)
+    for name, other in (("K", 2.0 * law.K), ("period", 2.0 * law.period)):
+        assert mine.verdict == "proven"
+        own = getattr(law, name)
+        setattr(law, name, other)
+        assert mine.verdict == "undecided"
+        assert np.isinf(mine.error).all()
+        setattr(law, name, own)
     assert replace(certificate, proved=None).replay().verdict == "undecided"
 
 

@@ -135,6 +135,15 @@ def test_an_encoder_on_a_passive_joint_and_a_measured_velocity_add_what_they_kno
     assert np.linalg.norm((faster.v - motion[1])[:, 1]) < 0.5 * np.linalg.norm((plain.v - motion[1])[:, 1])
 
 
+def test_sensors_that_contradict_one_another_are_told_by_what_they_miss(model, motion):
+    columns = noisy(motion, 9)
+    turns = position(model, "joint3", model.sigma_many(motion[0])) + 0.02
+    found = smoothed(Log(T, columns | {"q_joint3": turns}), model, noise={"q_joint3": NOISE})
+    missed = turns - position(model, "joint3", model.sigma_many(found.q))
+    np.testing.assert_allclose(found.noise["q_joint3"], np.sqrt(np.mean(missed**2)), rtol=1e-6)
+    assert max(found.noise.values()) > 20.0 * NOISE
+
+
 def test_efforts_stay_as_they_were_measured(model, motion):
     effort = np.where(T > 0.5, np.nan, T)
     found = smoothed(Log(T, noisy(motion, 0) | {"u_joint2": effort}), model)

@@ -7,7 +7,6 @@ motors it is about, `AdaptiveSearch` looks for a tube, and `AdaptiveTube` proves
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,7 +54,7 @@ class AdaptiveCertificate(TubeCertificate):
             return not_known_of("this law")
         return f"{self.told}; but {self._beyond}" if self._known is not None and self._beyond else self.told
 
-    @cached_property
+    @property
     def _known(self) -> Fact | None:
         """The fact, if it is one about the law."""
         if not is_fact(self.proved, AdaptiveTube):

@@ -28,7 +28,12 @@ from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import ConvergenceError, InvalidInputError
 from ccpin.identification.estimates.clock_delays import Delay, further_delays, slopes
-from ccpin.identification.estimates.effort_samples import EffortSamples, effort_outliers, samples_of
+from ccpin.identification.estimates.effort_samples import (
+    EffortSamples,
+    autocorrelation,
+    effort_outliers,
+    samples_of,
+)
 from ccpin.identification.estimates.estimate import Estimate
 from ccpin.identification.estimates.felt_combinations import Effects, Motions, checked_kinds, effects
 from ccpin.identification.estimates.held_out import cross_validated, parts_of
@@ -265,6 +270,7 @@ def _estimate(
         multiples,
         parameters,
         fit.deviation,
+        autocorrelation(samples, rows.left(best.beta), own),
         (int(own.sum()), sum(each.left for each in samples)),
         tuple(effort_outliers(model, samples, fit, rows.left(best.beta))),
         unseen,

@@ -64,7 +64,8 @@ class Smoothed(NamedTuple):
         near: Whether each coordinate has a position that counts within two of its usual times between samples, or a
             knot's spacing, of shape (T,): beyond it the motion is a guess.
         q_deviation, v_deviation, a_deviation: Their standard deviations, of shape (T, n) each.
-        noise: Standard deviation of each position's and velocity's column about the motion, by name.
+        noise: Standard deviation of each position's and velocity's column about the motion, by name: far above what
+            the sensor has where sensors contradict one another, or the closures.
         outliers: Samples that were left out.
         errors: How errors of q, q̇ and q̈ at all times hang together.
     """
@@ -154,14 +155,14 @@ def smoothed(
     weights = np.array([alone[f"q_{part.name}"].weight for part in parts])
     penalty = sparse.kron(knots.roughness(), sparse.diags_array(weights)).tocsr()
     c = np.column_stack([alone[f"q_{part.name}"].fit.c for part in parts])
-    fit = _together(model, basis, measured, alone, banded(penalty, model.n), c)
+    fit, about = _together(model, basis, measured, alone, banded(penalty, model.n), c)
     q, v, a = (np.asarray(each @ fit.c) for each in basis)
     inverse = inverse_band(fit.factor)
     q_deviation, v_deviation, a_deviation = (_deviations(inverse, each, model.n) for each in basis)
     names = model.mechanism.actuated
     efforts = [log.columns.get(f"u_{name}", np.full(len(log.t), np.nan)) for name in names]
     u = np.column_stack(efforts) if efforts else np.zeros((len(log.t), 0))
-    told = {name: each.noise for name, each in alone.items()}
+    told = {name: max(each.noise, about[name]) for name, each in alone.items()}
     left_out = tuple(sorted(outliers, key=lambda each: each.t))
     errors = SplineErrors(basis, fit.factor, penalty, smoothness)
     step = float(knots.t[1] - knots.t[0])
@@ -241,8 +242,11 @@ def _together(
     alone: Mapping[str, _Alone],
     penalty: Array,
     c: Array,
-) -> SplineFit:
-    """All sensors fitted at once, by Gauss and Newton's iteration from the coordinates' own splines."""
+) -> tuple[SplineFit, dict[str, float]]:
+    """All sensors fitted at once, by Gauss and Newton's iteration from the coordinates' own splines; what each misses.
+
+    That is the root mean square of its residuals, by name.
+    """
     own = {f"q_{part.name}": k for k, part in enumerate(model.coordinates.parts)}
     others = [name for name in measured if name not in own]
     direct = [_rows(basis[0], np.eye(model.n)[[k]], measured[name], alone[name]) for name, k in own.items()]
@@ -254,7 +258,9 @@ def _together(
         fit = fitted(normal_equations(together, model.n), penalty)
         step, c = float(np.abs(basis[0] @ (fit.c - c)).max()), fit.c
         if not others or step <= _CLOSE:
-            return fit
+            parts = np.split(fit.residuals, np.cumsum([len(each.y) for each in rows])[:-1])
+            sizes = (float(np.sqrt(np.mean(part**2))) for part in parts)
+            return fit, dict(zip((*own, *others), sizes, strict=True))
     raise ConvergenceError(f"fitting {', '.join(others)} with the coordinates did not converge: steps of {step:.1e}")
 
 
