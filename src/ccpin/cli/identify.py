@@ -73,7 +73,7 @@ def _identify(options: argparse.Namespace) -> int:
     model = ReducedModel(load(options))
     columns = dict(_pairs(options.columns, "--columns")) if options.columns else None
     units = {name: _number(unit) for name, unit in _pairs(options.units, "--units")}
-    noise = {name: float(level) for name, level in _pairs(options.noise, "--noise")}
+    noise = {name: _number(level) for name, level in _pairs(options.noise, "--noise")}
     prior = {name: _number(size) for name, size in _pairs(options.prior, "--prior")}
     smoothing: dict[str, Any] = {"spacing": options.spacing, "noise": noise}
     stribeck = options.stribeck if options.stribeck else options.stribeck is not None

@@ -75,14 +75,23 @@ def write_table(table: Mapping[str, Array], path: Path) -> None:
     Raises:
         InvalidInputError: Another suffix, or the file cannot be written.
     """
-    if path.suffix == ".parquet":
+    if table_target(path).suffix == ".parquet":
         write_parquet(data_frame(table), path)
-    elif path.suffix == ".csv":
+    else:
         rows = zip(*table.values(), strict=True)
         lines = [",".join("" if math.isnan(value) else repr(float(value)) for value in row) for row in rows]
         write_atomically(path, "w", lambda file: file.write("\n".join([",".join(table), *lines, ""])))
-    else:
+
+
+def table_target(path: Path) -> Path:
+    """Where columns are to be written.
+
+    Raises:
+        InvalidInputError: The suffix is another.
+    """
+    if path.suffix not in (".csv", ".parquet"):
         raise InvalidInputError(f"'{path}' must end in .csv or .parquet")
+    return path
 
 
 def _of_csv(path: Path) -> dict[str, Array]:
