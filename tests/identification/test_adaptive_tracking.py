@@ -222,6 +222,7 @@ def test_it_tracks_what_a_wrong_model_does_not(rpdr, plant):
         ({"adapted": "mass:link9"}, "there is no constant 'mass:link9'"),
         ({"adapted": "weight"}, "weight"),
         ({"adapted": "friction:joint1", "bounds": ([0.0], [1.0])}, "dry friction is neither adapted nor compensated"),
+        ({"adapted": "friction"}, "dry friction is neither adapted nor compensated"),
         ({"adapted": ["mass", "mass:link3"]}, "names a constant twice"),
         ({"adapted": ["body:link3", "mass:link3"]}, "has a body's factor and single ones"),
         ({"adapted": "damping"}, "all are stated as 0"),
@@ -241,6 +242,14 @@ def test_wrong_arguments(rpdr, changed, said):
     """Each is told."""
     with pytest.raises(InvalidInputError, match=said):
         law_of(rpdr.model, **({"bounds": 0.2} | changed))
+
+
+def test_a_breakaway_level_is_dry_friction():
+    stated = {"joint1": {"friction": 0.02, "breakaway": 0.04, "stribeck_speed": 0.1}}
+    model = ccpin.ReducedModel(ccpin.load("rpdr", joints=stated))
+    for adapted in ("stribeck", "stribeck:joint1"):
+        with pytest.raises(InvalidInputError, match="dry friction is neither adapted nor compensated"):
+            law_of(model, adapted=adapted)
 
 
 def test_a_corner_that_no_body_has_is_refused(rpdr):

@@ -257,6 +257,9 @@ def test_a_certificate_says_what_its_fact_does(certificate, known):
     assert np.all(certificate.ultimate <= certificate.errors[-1])
     np.testing.assert_allclose(certificate.efforts, known.found["efforts"].max(axis=0))
     np.testing.assert_allclose(certificate.mean_square(np.inf) * [4.0, 3.0], known.found["power"][0])
+    for wrong in (0.0, -1.0, np.nan, "long"):
+        with pytest.raises(InvalidInputError, match="duration"):
+            certificate.mean_square(wrong)
     started = certificate.mean_square(2.0) * [4.0, 3.0]
     np.testing.assert_allclose(started, known.found["power"][0] + 0.5 * known.found["first"][0])
     assert certificate.times[0] == 0.0
@@ -276,6 +279,19 @@ def test_a_fact_about_another_law_says_nothing_of_this(certificate):
     loaded = replace(certificate, proved=pickle.loads(pickle.dumps(certificate.proved)))
     assert loaded.verdict == "undecided"
     assert loaded.replay().verdict == "proven"
+
+
+def test_a_law_that_was_changed_is_another(certificate):
+    """A certificate remembers no verdict: gains, or a period, that somebody writes into its law are looked at."""
+    law = law_of()
+    mine = replace(certificate, law=law)
+    for name, other in (("K", 2.0 * law.K), ("period", 2.0 * law.period)):
+        assert mine.verdict == "proven"
+        own = getattr(law, name)
+        setattr(law, name, other)
+        assert mine.verdict == "undecided"
+        assert np.isinf(mine.error).all()
+        setattr(law, name, own)
     assert replace(certificate, proved=None).replay().verdict == "undecided"
 
 

@@ -1,5 +1,8 @@
 """Base parameters: how many, against what is known of the mechanisms, and what regrouping leaves of the forces."""
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,6 +35,24 @@ def test_the_five_bar(five_bar):
     assert "proved from both sides" in told.reason
     assert "armature:joint1" in told.words[2]
     assert repr(told) == f"BaseParameters({told.reason})"
+
+
+def test_what_is_told_is_what_facts_say(five_bar):
+    """Facts of another mechanism, or none, say nothing; one that was pickled is proved again first."""
+    read = pickle.loads(pickle.dumps(five_bar))
+    assert not read.proved
+    assert (read.lower, read.upper) == (0, 60)
+    assert "not replayed" in read.reason
+    again = read.replay()
+    assert again.reason == five_bar.reason
+    np.testing.assert_array_equal(again.base, five_bar.base)
+    np.testing.assert_array_equal(again.grouping, five_bar.grouping)
+    other = base_parameters(ccpin.load("four_bar"), states=1, box=None)
+    for facts in ((), other.facts, (five_bar.facts[0], other.facts[1])):
+        forged = replace(five_bar, facts=facts)
+        assert (forged.lower, forged.upper) == (0, 60)
+    with pytest.raises(ValueError, match="read-only"):
+        five_bar.base[0] = 3
 
 
 def random_forces(model, rng):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import chi2
 
 import ccpin
@@ -34,6 +35,17 @@ def test_intervals_hold_what_they_say(bench):
         found = identify(bench.model, bench.log(seed))
         off.append((found.values - found.stated) / found.deviations)
     assert 0.93 < np.mean(np.abs(off) < 1.96) < 0.97
+
+
+def test_noise_that_hangs_together_is_told(bench):
+    """An autoregressive noise of φ has an autocorrelation of φ, white noise none, to 1/√N; encoders are exact."""
+    white, draw = bench.log(11, encoder=1e-9), np.random.default_rng(11)
+    noise = lfilter([1.0], [1.0, -0.6], draw.normal(size=(len(white.t), 2)), axis=0)
+    efforts = bench.tau + 0.02 * np.sqrt((bench.tau**2).mean(axis=0)) * noise
+    coloured = Log(white.t, dict(white.columns) | {f"u_joint{k + 1}": efforts[:, k] for k in range(2)})
+    for log, wanted in ((white, 0.0), (coloured, 0.6)):
+        found = identify(bench.model, log).autocorrelation
+        assert np.abs(found - wanted).max() < 4.0 / np.sqrt(len(log.t))
 
 
 def test_values_are_the_multiples_of_the_constants_they_come_with(bench):
@@ -113,6 +125,7 @@ def test_what_nothing_can_be_learnt_from_is_told(bench):
         ([], "no log"),
         (Log(log.t, {name: column for name, column in log.columns.items() if name != "u_joint2"}), "u_joint2"),
         (log.between(0.0, 0.08), "too few"),
+        ([log, bench.log(1), Log(log.t, dict(log.columns), "copy")], r"logs\[0\] and logs\[2\] are one"),
     ):
         with pytest.raises(InvalidInputError, match=told):
             identify(bench.model, wrong)

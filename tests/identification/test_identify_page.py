@@ -44,3 +44,12 @@ def test_a_prior_that_says_nothing_is_told(bench, tmp_path, capsys):
     bench.log(0).save(path)
     assert main(["identify", "rpdr", "--logs", str(path), "--prior", "mass=heavy"]) == 1
     assert "neither a number nor a share" in capsys.readouterr().err
+    assert main(["identify", "rpdr", "--logs", str(path), "--noise", "q_joint1=abc"]) == 1
+    assert "the noise of 'q_joint1' = 'abc' must be a positive number" in capsys.readouterr().err
+
+
+def test_what_is_no_table_is_told_before_motions_are_tried(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("ccpin.cli.excite.excitation", None)
+    box = ["--lower-deg", "-110", "-110", "--upper-deg", "-70", "-70"]
+    assert main(["excite", "rpdr", *box, "--speed", "3", "--out", str(tmp_path / "m.txt")]) == 1
+    assert "must end in .csv or .parquet" in capsys.readouterr().err

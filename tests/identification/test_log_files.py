@@ -1,5 +1,7 @@
 """Logs from files of all kinds, and what is wrong with them."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -43,6 +45,13 @@ def test_matlab_vectors_and_structures_with_time(tmp_path):
     same(Log.read(tmp_path / "out.mat", columns={"q_hip": "yout.0", "u_hip": "yout.1"}))
 
 
+def test_spans_of_time_are_no_seconds(tmp_path):
+    pd = pytest.importorskip("pandas")
+    pd.DataFrame({"t": pd.to_timedelta(T, unit="s"), "q_hip": Q}).to_parquet(tmp_path / "a.parquet")
+    with pytest.raises(InvalidInputError, match="no column of times"):
+        Log.read(tmp_path / "a.parquet")
+
+
 def test_arrays_of_a_simulator(tmp_path):
     np.savez(tmp_path / "run.npz", time=T, qpos=np.c_[T, Q], ctrl=U[:, None])
     same(Log.read(tmp_path / "run.npz", columns={"q_hip": "qpos.1", "u_hip": "ctrl"}))
@@ -72,6 +81,15 @@ def test_joint_states_of_a_bag_by_their_stamps(tmp_path):
             assert np.array_equal(log.columns["q_hip"], Q)
             assert np.array_equal(log.columns["u_knee"], 2.0 * U, equal_nan=True)
             assert "v_hip" not in log.columns
+        whole, damaged = path.read_bytes(), tmp_path / f"damaged{path.suffix}"
+        for place in np.random.default_rng(0).integers(len(whole), size=(12, 3)):
+            spoilt = np.frombuffer(whole, np.uint8).copy()
+            spoilt[place] ^= 255
+            damaged.write_bytes(spoilt.tobytes())
+            with suppress(InvalidInputError):
+                Log.read(damaged)
+    with pytest.raises(InvalidInputError, match="no bag"):
+        Log.read(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -85,6 +103,7 @@ def test_joint_states_of_a_bag_by_their_stamps(tmp_path):
         ("t,hip\n0,1\n1,2\n", "no column q_"),
         ("t,q_hip\n0,1\n0,2\n", "two samples at one time"),
         ("t,q_hip\n0,1\n,2\n", "time that is not finite"),
+        ("t,q_hip\n0,1\n2,2\n1.5,3\n3,4\n", "goes back after 2 s, to 1.5 s"),
         ("t,q_hip\n0,1\n1,inf\n", "infinite"),
         ("t,q_hip\n0,1\n", "two finite times"),
     ],
@@ -109,6 +128,9 @@ def test_what_is_no_log_is_refused(tmp_path):
     for wrong in (
         {"columns": {"q_hip": "hop"}},
         {"units": {"q": "furlong"}},
+        {"units": {"q": "rpm"}},
+        {"units": {"q_hpi": "deg"}},
+        {"units": {"u": 0.35}},
         {"time": "clock"},
         {"columns": {"hip": "q_hip"}},
     ):
@@ -131,6 +153,8 @@ def test_a_delay_of_one_column_moves_it_alone():
     assert moved.between(0.2, 0.4).t.min() >= 0.2
     with pytest.raises(InvalidInputError, match="no column 'knee'"):
         log.delayed({"knee": 0.1})
+    with pytest.raises(InvalidInputError, match="no column 'u_left'"):
+        Log(T, {"u_left_hip": T}).delayed({"u_left": 0.1})
 
 
 def test_a_log_cannot_be_written_to_and_keeps_no_arrays_of_callers():
@@ -142,6 +166,7 @@ def test_a_log_cannot_be_written_to_and_keeps_no_arrays_of_callers():
         log.columns["q_hip"][0] = 1.0
     with pytest.raises((TypeError, AttributeError)):
         log.columns["q_hip"] = Q
+    assert len({log, Log(T, {"q_hip": Q})}) == 2
 
 
 @pytest.mark.parametrize("columns", [{"hip": Q}, {"q_hip": Q[:-1]}, {"q_hip": np.full(11, np.inf)}, {"q_hip": Q * 1j}])

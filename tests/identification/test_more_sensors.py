@@ -1,5 +1,7 @@
 """What measured closure forces and the base's wrench add: against Pinocchio's inverse dynamics of the tree."""
 
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -110,6 +112,7 @@ def test_what_they_add_is_told():
     assert told.lower == told.within == 21 + 1 + least < told.upper
     assert "pin adds 1" in told.reason
     assert f"base adds {least}" in told.reason
+    assert pickle.loads(pickle.dumps(told)).replay().added == told.added
     for fact in told.facts:
         assert fact.replay().digest == fact.digest
     with pytest.raises(TypeError):

@@ -139,6 +139,8 @@ def test_what_cannot_be_refined_is_told(bench):
     estimate = identify(bench.model, log, kinds=("friction",))
     with pytest.raises(InvalidInputError, match="these are not the logs"):
         estimate.refined(bench.model, [log, log])
+    with pytest.raises(InvalidInputError, match="not one of the logs"):
+        estimate.refined(bench.model, bench.log(0).between(0.0, 0.8))
     with pytest.raises(InvalidInputError, match="nowhere 12 samples"):
         estimate.refined(bench.model, log, horizon=0.01)
     with pytest.raises(InvalidInputError, match="there is no 'arm'"):

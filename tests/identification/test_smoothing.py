@@ -130,11 +130,39 @@ def test_an_encoder_on_a_passive_joint_and_a_measured_velocity_add_what_they_kno
     assert np.linalg.norm((faster.v - motion[1])[:, 1]) < 0.5 * np.linalg.norm((plain.v - motion[1])[:, 1])
 
 
+def test_sensors_that_contradict_one_another_are_told_by_what_they_miss(model, motion):
+    columns = noisy(motion, 9)
+    turns = position(model, "joint3", model.sigma_many(motion[0])) + 0.02
+    found = smoothed(Log(T, columns | {"q_joint3": turns}), model, noise={"q_joint3": NOISE})
+    missed = turns - position(model, "joint3", model.sigma_many(found.q))
+    np.testing.assert_allclose(found.noise["q_joint3"], np.sqrt(np.mean(missed**2)), rtol=1e-6)
+    assert max(found.noise.values()) > 20.0 * NOISE
+
+
 def test_efforts_stay_as_they_were_measured(model, motion):
     effort = np.where(T > 0.5, np.nan, T)
     found = smoothed(Log(T, noisy(motion, 0) | {"u_joint2": effort}), model)
     assert np.array_equal(found.u[:, 1], effort, equal_nan=True)
     assert np.all(np.isnan(found.u[:, 0]))
+
+
+def test_efforts_far_from_all_positions_are_not_looked_at(model, motion):
+    columns = noisy(motion, 0)
+    spoilt, seldom = columns["q_joint1"].copy(), columns["q_joint2"].copy()
+    spoilt[150:200] = np.nan
+    seldom[np.arange(len(T)) % 4 > 0] = np.nan
+    efforts, every = {"u_joint1": T, "u_joint2": T}, np.arange(len(T))
+    kept = smoothed(Log(T, columns | efforts | {"q_joint1": spoilt}), model).with_efforts()
+    assert np.array_equal(kept, np.setdiff1d(every, np.arange(152, 198)))
+    kept = smoothed(Log(T, columns | efforts | {"q_joint2": seldom}), model).with_efforts()
+    assert np.array_equal(kept, every)
+
+
+def test_a_column_of_zeros_is_a_motion_at_rest(model):
+    found = smoothed(Log(T, {"q_joint1": np.zeros(len(T)), "q_joint2": np.full(len(T), 0.5)}), model)
+    assert np.abs(found.q - [0.0, 0.5]).max() < 1e-12
+    assert np.abs(found.v).max() < 1e-9
+    assert 0.0 < found.noise["q_joint1"] < 1e-12
 
 
 def test_what_cannot_be_smoothed_is_told(model, motion):

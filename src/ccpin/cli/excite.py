@@ -15,6 +15,7 @@ from ccpin.cli.progress import busy
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.identification.estimates.exciting_motions import Criterion, excitation
+from ccpin.identification.logs.log_files import table_target
 
 _EXAMPLES = """\
 example: ccpin excite rpdr --lower-deg -110 -110 --upper-deg -70 -70 --speed 3 --out motion.csv
@@ -38,6 +39,7 @@ def add_excite(commands: Any) -> None:
 
 
 def _excite(options: argparse.Namespace) -> int:
+    table_target(options.out)
     mechanism = load(options)
     model = ReducedModel(mechanism)
     box = region(options, mechanism)

@@ -38,6 +38,7 @@ example: ccpin identify rpdr --logs run1.csv run2.csv --out learnt.urdf --report
 
 _SIZES = ("found", "stated", "measured", "coulomb")
 _LATE = 4.0  # standard deviations of a delay that are told
+_CHAINED = 0.2  # of an autocorrelation that is told: smoothed motions bring about less than 0.05
 
 
 def add_identify(commands: Any) -> None:
@@ -76,7 +77,7 @@ def _identify(options: argparse.Namespace) -> int:
     model = ReducedModel(load(options))
     columns = dict(_pairs(options.columns, "--columns")) if options.columns else None
     units = {name: _number(unit) for name, unit in _pairs(options.units, "--units")}
-    noise = {name: float(level) for name, level in _pairs(options.noise, "--noise")}
+    noise = {name: _number(level) for name, level in _pairs(options.noise, "--noise")}
     prior = {name: _number(size) for name, size in _pairs(options.prior, "--prior")}
     smoothing: dict[str, Any] = {"spacing": options.spacing, "noise": noise}
     stribeck = options.stribeck if options.stribeck else options.stribeck is not None
@@ -116,6 +117,12 @@ def _identify(options: argparse.Namespace) -> int:
         if abs(late.seconds) > _LATE * late.deviation:
             put = f"set right by {1e3 * late.taken:.3g} ms" if options.align else "--align sets it right"
             print(f"efforts of {late.log} are {1e3 * late.seconds:.3g} ± {1e3 * late.deviation:.2g} ms late; {put}")
+    for name, chained in zip(model.coordinates.names, estimate.autocorrelation, strict=True):
+        if chained > _CHAINED:
+            print(
+                f"what is left of the efforts at {name} hangs together from sample to sample (autocorrelation "
+                f"{chained:.2g}): deviations are too small, or lengths, encoders or friction are not as the file says"
+            )
     if estimate.outliers:
         print(f"{len(estimate.outliers)} samples were left out, at which efforts are grossly off (--report names them)")
     print("".join(f"wrote {path}\n" for path in written), end="")
@@ -142,6 +149,7 @@ def _told(estimate: Estimate) -> dict[str, Any]:
     of_k = (estimate.motors.names, estimate.motors.values.tolist(), estimate.motors.deviations.tolist())
     return {
         "found": found,
+        "autocorrelation": estimate.autocorrelation.tolist(),
         "stribeck": [_friction(each) for each in estimate.stribeck],
         "motors": [dict(zip(("motor", "k", "deviation"), each, strict=True)) for each in zip(*of_k, strict=True)],
         "added": list(estimate.added),

@@ -149,6 +149,7 @@ EXCUSED = (
     ),
     Excused("identification/combinations/dependent_search", (), "proposes; `dependent_columns` checks"),
     Excused("identification/combinations/identifiable", (), "proposes; `rank_claims` checks"),
+    Excused("identification/combinations/base_combinations", (), "reads off facts what `rank_claims` checked"),
     Excused(
         "identification/adaptive/adaptive_bounds", ("_NUMBERS", "bounds_of"), "how many cells are bounded at a time"
     ),

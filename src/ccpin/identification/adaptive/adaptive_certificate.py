@@ -7,12 +7,11 @@ motors it is about, `AdaptiveSearch` looks for a tube, and `AdaptiveTube` proves
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, instance, whole
+from ccpin.arrays import Array, instance, positive, whole
 from ccpin.control.stability.tracking.reference_tube import cut_along, theta_at_start
 from ccpin.control.stability.tracking.tracking_equations import ReferencePieces
 from ccpin.control.stability.tracking.tracking_error import bound_at_start, require_scalar
@@ -55,7 +54,7 @@ class AdaptiveCertificate(TubeCertificate):
             return not_known_of("this law")
         return f"{self.told}; but {self._beyond}" if self._known is not None and self._beyond else self.told
 
-    @cached_property
+    @property
     def _known(self) -> Fact | None:
         """The fact, if it is one about the law."""
         if not is_fact(self.proved, AdaptiveTube):
@@ -93,11 +92,15 @@ class AdaptiveCertificate(TubeCertificate):
 
         Args:
             duration: t, s; infinity for what is left.
+
+        Raises:
+            InvalidInputError: It is not positive.
         """
+        per_second = 0.0 if isinstance(duration, float) and duration == np.inf else 1.0 / positive(duration, "duration")
         if self._known is None:
             return np.full(self.law.model.n, np.inf)
         first, power = (self._known.found[name][0] for name in ("first", "power"))
-        return np.asarray((first / duration + power) / np.diag(self.law.K) * SLACK)
+        return np.asarray((first * per_second + power) / np.diag(self.law.K) * SLACK)
 
 
 def certify_adaptive(

@@ -117,7 +117,7 @@ def _named(parameters: DynamicParameters, adapted: tuple[str, ...]) -> dict[str,
             factors if name == "body" else [] if name in known else [parameters.names[k] for k in parameters.of(name)]
         )
         wanted += [name] if name in known else several
-    if any(name.startswith("friction:") for name in wanted):
+    if any(name.partition(":")[0] in ("friction", "stribeck") for name in wanted):
         raise InvalidInputError("dry friction is neither adapted nor compensated: sign(q̇′) is not known at rest")
     if len(set(wanted)) != len(wanted):
         raise InvalidInputError(f"adapted names a constant twice: {', '.join(adapted)}")

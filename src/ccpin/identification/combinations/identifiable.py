@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.linalg import qr
 
-from ccpin.arrays import Array, Indices, choice, instance, number, records, whole
+from ccpin.arrays import FrozenMapping, Indices, choice, instance, number, records, whole
 from ccpin.dynamics.changed_constants import with_stribeck_speeds
-from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError, UnsupportedMechanismError
-from ccpin.identification.combinations.dependent_search import SHARE, combinations_of, depend
+from ccpin.identification.combinations.base_combinations import BaseParameters
+from ccpin.identification.combinations.dependent_search import combinations_of, depend
 from ccpin.identification.combinations.exact_spaces import doubles
 from ccpin.identification.combinations.identification_equations import IdentificationEquations
 from ccpin.identification.combinations.rank_claims import IndependentColumns, VanishingCombinations, stacked_forms
@@ -31,79 +30,6 @@ _SEED = 20011
 _MOST_STATES = 64  # that are tried by default
 _ROUNDED = 1e-9  # of a combination of length 1: nearer to others, and it is they that numbers' rounding keeps apart
 _TINY = 1e-13  # of a pivot: what is smaller may be there by rounding of a file's numbers alone, and is not counted
-_SHOWN = 1e-12  # of a coefficient in words
-
-
-@dataclass(frozen=True, eq=False)
-class BaseParameters:
-    """What of π the motion shows: Y π = Y_base (grouping π), and how many there are of them.
-
-    Attributes:
-        parameters: π.
-        lower: So many combinations are proved independent.
-        upper: So many at most: all others are proved to be without effect, by structure.
-        within: So many are enough, to 1e-12 of the forms' size over `box`; as many as `upper` where that is not proved.
-        box: |q − q_ref| ≤ h over which that is so, of shape (n,), rad or m; ``None``: nowhere but where it is exact.
-        base: The constants that combinations are written on, of shape (within,).
-        grouping: Of shape (within, p), ones at `base`.
-        states: Closed states that the lower bound rests on.
-        facts: What they rest on: the lower bound, the upper one, and the box where there is one.
-        added: By each of the sensors, in the order given: at least and at most so many combinations more (`within`).
-    """
-
-    parameters: DynamicParameters
-    lower: int
-    upper: int
-    within: int
-    box: Array | None
-    base: Indices
-    grouping: Array
-    states: int
-    facts: tuple[Fact, ...]
-    added: Mapping[str, tuple[int, int]]
-
-    @property
-    def proved(self) -> bool:
-        """Whether the number is proved: from both sides, or, where `upper` is larger, to 1e-12 over `box`."""
-        return self.lower == self.within
-
-    @property
-    def values(self) -> Array:
-        """The combinations of the model's own constants, of shape (within,)."""
-        return np.asarray(self.grouping @ self.parameters.values)
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """Each combination, as ``Izz:link + 0.078 mass:other``."""
-        return tuple(self._told(row, k) for row, k in zip(self.grouping, self.base.tolist(), strict=True))
-
-    @property
-    def reason(self) -> str:
-        """What is proved, in a sentence."""
-        count, more = len(self.parameters), "".join(f"; {_what_adds(*each)}" for each in self.added.items())
-        if self.lower == self.upper:
-            return f"{self.lower} of {count} combinations are identifiable: proved from both sides{more}"
-        if self.box is not None:
-            return (
-                f"{self.lower} of {count} combinations are identifiable: no fewer, and of these all others are made to "
-                f"{SHARE:.0e} of their size over ±{self.box.max():.3g} (rad, m) about the reference; exactly, at most "
-                f"{self.upper} are{more}"
-            )
-        return (
-            f"at least {self.lower} and at most {self.upper} of {count} combinations are identifiable; "
-            f"{self.upper - self.lower} seem to depend on others at {self.states} states, which is not proved{more}"
-        )
-
-    def __repr__(self) -> str:
-        return f"BaseParameters({self.reason})"
-
-    def _told(self, row: Array, base: int) -> str:
-        names, told = self.parameters.names, self.parameters.names[base]
-        for k in np.flatnonzero(np.abs(row) > _SHOWN).tolist():
-            if k != base:
-                sign, size = "-" if row[k] < 0.0 else "+", abs(row[k])
-                told += f" {sign} {names[k]}" if abs(size - 1.0) < _SHOWN else f" {sign} {size:.6g} {names[k]}"
-        return told
 
 
 def base_parameters(
@@ -142,13 +68,12 @@ def base_parameters(
     model = with_stribeck_speeds(model, {j.name: 0.0 for j in model.mechanism.tree.joints if j.stated.stribeck_speed})
     wide = None if box is None else number(box, "box", "a positive number, or None", above=0.0)
     wanted, plate = None if states is None else whole(states, "states"), instance(base, "base", bool)
-    names, added = _sensors(model, forces), dict[str, tuple[int, int]]()
+    names, fewer = _sensors(model, forces), dict[str, BaseParameters]()
     found = _bounds(model, (), False, wanted, bits, wide)
     steps = [(name, names[: k + 1], False) for k, name in enumerate(names)]
     for sensor, closures, held in [*steps, *[("base", names, True)] * plate]:
-        before, found = found, _bounds(model, closures, held, wanted, bits, wide)
-        added[sensor] = max(found.lower - before.within, 0), found.within - before.lower
-    return replace(found, added=MappingProxyType(added))
+        fewer[sensor], found = found, _bounds(model, closures, held, wanted, bits, wide)
+    return replace(found, fewer=FrozenMapping(fewer))
 
 
 def _sensors(model: ReducedModel, forces: Sequence[str]) -> tuple[str, ...]:
@@ -189,28 +114,13 @@ def _bounds(
         IndependentColumns(equations, np.array(rows, dtype=np.int64), np.array(free, dtype=np.int64), np.array([bits])),
         *closed,
     )
-    grouping = np.zeros((len(columns), equations.sizes["P"]))
-    grouping[np.arange(len(columns)), columns] = 1.0
-    grouping[:, hidden] = -combinations[:, columns].T
-    nothing, where = MappingProxyType[str, tuple[int, int]]({}), None
     facts: tuple[Fact, ...] = (independent, shown)
-    upper = len(columns)
     if regrouped is not None and box is not None:
         z = np.zeros((len(others), equations.sizes["P"]))
         z[np.arange(len(others)), others], z[:, apart] = 1.0, -regrouped.T
         fact = depend(equations, own.numbers(model.mechanism.q_reference), box, others, z)
-        if fact is not None:
-            facts, where = (*facts, fact), fact.claim.half
-            grouping = grouping[np.isin(columns, apart)] + regrouped @ grouping[np.isin(columns, others)]
-            columns = apart
-    return BaseParameters(
-        model.parameters, len(free), upper, len(columns), where, columns, grouping, len(closed), facts, nothing
-    )
-
-
-def _what_adds(sensor: str, between: tuple[int, int]) -> str:
-    least, most = between
-    return f"{sensor} adds {least}" if least == most else f"{sensor} adds between {least} and {most}"
+        facts = facts if fact is None else (*facts, fact)
+    return BaseParameters(model.parameters, facts, FrozenMapping())
 
 
 def _apart(equations: IdentificationEquations) -> Indices:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices
+from ccpin.arrays import Array, Indices, Mask
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.identification.estimates.robust_fit import RobustFit
 from ccpin.identification.logs.smoothing import Outlier, Smoothed
@@ -62,6 +62,14 @@ def samples_of(
     stretch = np.cumsum(np.r_[0, (ways[1:] != ways[:-1]).any(axis=1) | gaps])[: len(chosen)]
     left, force = int(len(rows) - len(chosen)), motion.forces(model, chosen)
     return EffortSamples(motion, chosen, left, stretch, rates[turning], Y, force, added or {})
+
+
+def autocorrelation(samples: Sequence[EffortSamples], left: Array, counted: Mask) -> Array:
+    """Σ x_i x_{i+1} / Σ x_i² of what is left of each row, of shape (n,), over neighbours in a stretch that count."""
+    stretches = np.concatenate([np.column_stack([np.full(len(s.chosen), k), s.stretch]) for k, s in enumerate(samples)])
+    pairs = (stretches[1:] == stretches[:-1]).all(axis=1) & counted[1:] & counted[:-1]
+    power = 0.5 * (left[1:][pairs] ** 2 + left[:-1][pairs] ** 2).sum(axis=0)
+    return np.asarray((left[1:] * left[:-1])[pairs].sum(axis=0) / np.maximum(power, np.finfo(float).tiny))
 
 
 def effort_outliers(

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +29,12 @@ from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import ConvergenceError, InvalidInputError
 from ccpin.identification.estimates.clock_delays import Delay, further_delays, slopes
-from ccpin.identification.estimates.effort_samples import EffortSamples, effort_outliers, samples_of
+from ccpin.identification.estimates.effort_samples import (
+    EffortSamples,
+    autocorrelation,
+    effort_outliers,
+    samples_of,
+)
 from ccpin.identification.estimates.estimate import Estimate
 from ccpin.identification.estimates.felt_combinations import Effects, Motions, checked_kinds, effects
 from ccpin.identification.estimates.held_out import cross_validated, parts_of
@@ -51,7 +57,7 @@ from ccpin.identification.estimates.stribeck_friction import (
     with_effect,
 )
 from ccpin.identification.estimates.stribeck_search import found_speeds
-from ccpin.identification.logs.log import Log
+from ccpin.identification.logs.log import Log, same
 from ccpin.identification.logs.smoothing import smoothed
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -99,9 +105,9 @@ def identify(
             weighed: taken as exact. What is told is of the mechanism without; ``{}``: as it is.
 
     Raises:
-        InvalidInputError: No log, an effort was not measured, too few samples to tell anything, a prior of what is
-            not looked for, a Stribeck effect of joints without friction, motors that are not as many as coordinates,
-            nothing that fixes their scale, or what was added is not told of each log, or of no constant.
+        InvalidInputError: No log, or one twice, an effort was not measured, too few samples to tell anything, a prior
+            of what is not looked for, a Stribeck effect of joints without friction, motors that are not as many as
+            coordinates, nothing that fixes their scale, or what was added is not told of each log, or of no constant.
         UnsupportedMechanismError: A coordinate is a ball or a circle.
         ConvergenceError: Clocks that are so far apart that setting them right does not settle, or motors' constants.
     """
@@ -109,6 +115,9 @@ def identify(
     logs = records([logs] if isinstance(logs, Log) else logs, "logs", Log)
     if not logs:
         raise InvalidInputError("no log: there is nothing to learn from")
+    for (j, log), (k, other) in combinations(enumerate(logs), 2):
+        if same(log, other):
+            raise InvalidInputError(f"logs[{j}] and logs[{k}] are one: what it tells would count twice")
     for name, value in (("robust", robust), ("align", align)):
         instance(value, name, bool, "True or False")
     asked, given, drives = asked_joints(model, stribeck), model, asked_motors(model, motors)
@@ -278,6 +287,7 @@ def _estimate(
         multiples,
         parameters,
         fit.deviation,
+        autocorrelation(samples, rows.left(best.beta), own),
         (int(own.sum()), sum(each.left for each in samples)),
         tuple(effort_outliers(model, samples, fit, rows.left(best.beta))),
         unseen,

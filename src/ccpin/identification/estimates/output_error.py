@@ -166,6 +166,8 @@ def _cut(
     spoilt = {each.t for each in estimate.outliers}
     for log, late, motion, added in zip(logs, estimate.delays, estimate.motions, estimate.added, strict=True):
         on_time = log.delayed({"u": late.taken}) if late.taken else log
+        if not np.array_equal(on_time.t, motion.t):
+            raise InvalidInputError(f"{log!r} is not one of the logs that the estimate is of")
         columns = [f"q_{part.name}" for part in model.coordinates.parts]
         measured = np.column_stack([on_time.columns[name] for name in columns])
         for each in motion.outliers:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,16 +16,17 @@ from ccpin.containers import told_of
 from ccpin.description.names import choices
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.identification.logs.log_files import FACTORS, on_one_clock, recorded, write_table
+from ccpin.identification.logs.log_files import UNITS, on_one_clock, recorded, write_table
 from ccpin.kinematics.tree import TreeJoint
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.results.trajectory import Trajectory
 
+T = TypeVar("T")
 QUANTITIES = {"q": "rad or m", "v": "rad/s or m/s", "u": "N m or N"}
 """What a column's name begins with, and its unit: ``q_hip`` is the position of the joint ``hip``."""
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Log(Record):
     """Measured positions, velocities and efforts of joints, at times that all of them share.
 
@@ -95,8 +97,8 @@ class Log(Record):
             time: The column of times, seconds; by default ``t``, ``time`` or ``tout``.
 
         Raises:
-            InvalidInputError: The file is none of these, damaged, or has no such column; a unit is unknown; a package
-                for it is not installed.
+            InvalidInputError: The file is none of these, damaged, or has no such column; a table's times do not rise; a
+                unit is unknown, of another quantity, or of no column; a package for it is not installed.
         """
         if not isinstance(path, str | Path):
             raise InvalidInputError(f"a log to read must be a path, not {type(path).__name__}")
@@ -115,6 +117,7 @@ class Log(Record):
             if missing or not named:
                 said = f"no column {', '.join(map(repr, missing))}" if missing else "no column q_…, v_… or u_…"
                 raise InvalidInputError(f"{path}: {said}; there are {', '.join(found) or 'none'}")
+            _known(units or {}, named)
             factors = {name: _factor(name, dict(units or {})) for name in named}
             t, kept = on_one_clock({name: found[theirs] for name, theirs in named.items()})
             return cls(t, {name: column * factors[name] for name, column in kept.items()}, Path(path).name)
@@ -168,12 +171,20 @@ class Log(Record):
             InvalidInputError: There is no such column.
         """
         instance(seconds, "seconds", Mapping)
-        late = {name: number(_said(name, seconds, 0.0), f"the delay of '{name}'") for name in self.columns}
         _known(seconds, self.columns)
+        late = {name: number(_said(name, seconds, 0.0), f"the delay of '{name}'") for name in self.columns}
         there = {name: ~np.isnan(column) for name, column in self.columns.items()}
         shifted = {name: (self.t[there[name]] - late[name], each[there[name]]) for name, each in self.columns.items()}
         t, columns = on_one_clock(shifted)
         return Log(t, columns, self.source)
+
+
+def same(log: Log, other: Log) -> bool:
+    """Whether two logs have the same times and numbers."""
+    mine, theirs = ({"t": each.t, **each.columns} for each in (log, other))
+    return mine.keys() == theirs.keys() and all(
+        np.array_equal(column, theirs[name], equal_nan=True) for name, column in mine.items()
+    )
 
 
 def position(model: ReducedModel, name: str, q_free: ArrayLike) -> Array:
@@ -212,24 +223,22 @@ def require_plain(model: ReducedModel, what: str) -> None:
         raise UnsupportedMechanismError(f"{what} takes coordinates that are plain numbers, which {named} is not")
 
 
-def _said(name: str, given: Mapping[str, float], default: float) -> float:
+def _said(name: str, given: Mapping[str, T], default: T) -> T:
     """What is said of a column by its name, else by its quantity."""
     return given.get(name, given.get(name[0], default))
 
 
 def _known(given: Mapping[str, object], columns: Mapping[str, object]) -> None:
-    if unknown := [
-        name for name in given if name not in columns and not any(c.startswith(f"{name}_") for c in columns)
-    ]:
+    there = {*columns, *(name[0] for name in columns if name[1:2] == "_")}
+    if unknown := [name for name in given if name not in there]:
         raise InvalidInputError(f"no column '{unknown[0]}'; there are {', '.join(columns)}")
 
 
 def _factor(name: str, units: Mapping[str, str | float]) -> float:
-    unit = units.get(name, units.get(name[0], 1.0))
+    unit = _said(name, units, 1.0)
     if isinstance(unit, str):
-        if unit not in FACTORS:
-            raise InvalidInputError(
-                f"the unit {unit!r} of '{name}' is unknown; known are {', '.join(FACTORS)}, or a factor"
-            )
-        return FACTORS[unit]
+        known = UNITS.get(name[0], {})
+        if unit not in known:
+            raise InvalidInputError(f"'{name}' is in no unit {unit!r}; known are {', '.join(known)}, or a factor")
+        return known[unit]
     return number(unit, f"the unit of '{name}'")

@@ -15,12 +15,13 @@ from ccpin.errors import InvalidInputError
 from ccpin.files import write_text
 from ccpin.simulation.results.saving import data_frame, write_parquet
 
-FACTORS = {
-    **{"rad": 1.0, "m": 1.0, "rad/s": 1.0, "m/s": 1.0, "N m": 1.0, "N": 1.0},
-    **{"deg": math.pi / 180, "rev": 2 * math.pi, "mm": 1e-3, "N mm": 1e-3, "mm/s": 1e-3},
-    **{"deg/s": math.pi / 180, "rev/s": 2 * math.pi, "rpm": 2 * math.pi / 60},
+_DEG, _REV = math.pi / 180, 2 * math.pi
+UNITS = {
+    "q": {"rad": 1.0, "m": 1.0, "deg": _DEG, "rev": _REV, "mm": 1e-3},
+    "v": {"rad/s": 1.0, "m/s": 1.0, "deg/s": _DEG, "rev/s": _REV, "rpm": _REV / 60, "mm/s": 1e-3},
+    "u": {"N m": 1.0, "N": 1.0, "N mm": 1e-3},
 }
-"""Units that a file may have its numbers in, and what they are in SI."""
+"""Units that a file may have its positions, velocities and efforts in, and what they are in SI."""
 TIMES = ("t", "time", "tout")
 """What a column of times is called, unless it is said."""
 
@@ -39,7 +40,8 @@ def recorded(path: Path, time: str | None) -> Recorded:
     """All columns of a file by name.
 
     Raises:
-        InvalidInputError: The suffix is unknown, the file is damaged or has no times, or a package is not installed.
+        InvalidInputError: The suffix is unknown, the file is damaged, has no times or times that go back, or a package
+            is not installed.
     """
     if path.is_dir() or path.suffix in (".mcap", ".db3", ".bag"):
         return _of_ros(path)
@@ -73,14 +75,23 @@ def write_table(table: Mapping[str, Array], path: Path) -> None:
     Raises:
         InvalidInputError: Another suffix, or the file cannot be written.
     """
-    if path.suffix == ".parquet":
+    if table_target(path).suffix == ".parquet":
         write_parquet(data_frame(table), path)
-    elif path.suffix == ".csv":
+    else:
         rows = zip(*table.values(), strict=True)
         lines = [",".join("" if math.isnan(value) else repr(float(value)) for value in row) for row in rows]
         write_text(path, "\n".join([",".join(table), *lines, ""]))
-    else:
+
+
+def table_target(path: Path) -> Path:
+    """Where columns are to be written.
+
+    Raises:
+        InvalidInputError: The suffix is another.
+    """
+    if path.suffix not in (".csv", ".parquet"):
         raise InvalidInputError(f"'{path}' must end in .csv or .parquet")
+    return path
 
 
 def _of_csv(path: Path) -> dict[str, Array]:
@@ -117,7 +128,7 @@ def _of_parquet(path: Path) -> dict[str, Array]:
         frame = pd.read_parquet(path)
     except ImportError as error:
         raise InvalidInputError(f"Parquet needs pandas and pyarrow ({error}); pip install 'ccpin[tables]'") from None
-    numeric = frame.select_dtypes("number")
+    numeric = frame.select_dtypes("number", exclude="timedelta")
     return {str(name): numeric[name].to_numpy(dtype=np.float64) for name in numeric.columns}
 
 
@@ -171,13 +182,18 @@ def _with_times(table: Mapping[str, Array], time: str | None) -> Recorded:
             f"no column of times {time or ' or '.join(TIMES)}; there are {', '.join(table) or 'none'}"
         )
     t = table[called]
+    if (back := np.flatnonzero(np.diff(t) < 0.0)).size:
+        raise InvalidInputError(
+            f"'{called}' goes back after {t[back[0]]:.9g} s, to {t[back[0] + 1]:.9g} s: a clock was set, or these are "
+            "several logs"
+        )
     return {name: Channel(t, values) for name, values in table.items() if name != called and values.shape == t.shape}
 
 
 def _of_ros(path: Path) -> Recorded:
     """Joint states of all topics by joint; times from the first stamp of all."""
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise InvalidInputError("bags need rosbags; pip install 'ccpin[bags]'") from None
@@ -188,8 +204,8 @@ def _of_ros(path: Path) -> Recorded:
             for connection, _, raw in bag.messages(connections=states) if states else ():
                 for name, stamp, value in _joint_state(bag.deserialize(raw, connection.msgtype)):
                     samples.setdefault(name, []).append((stamp, value))
-    except AnyReaderError as error:
-        raise InvalidInputError(f"no bag that can be read ({error})") from error
+    except Exception as error:  # of its own, of YAML, of SQLite, and whatever damaged messages bring about
+        raise InvalidInputError(f"no bag that can be read ({error!s:.200} {type(error).__name__})") from error
     if not samples:
         raise InvalidInputError("the bag has no sensor_msgs/JointState with numbers")
     first, found = min(at for rows in samples.values() for at, _ in rows), {}

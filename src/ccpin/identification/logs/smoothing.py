@@ -16,7 +16,7 @@ import scipy.sparse as sparse
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
-from ccpin.arrays import Array, Indices, instance, positive
+from ccpin.arrays import Array, Indices, Mask, instance, positive
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import ConvergenceError, InvalidInputError
 from ccpin.identification.logs.log import Log, one_position, position, require_plain
@@ -39,7 +39,9 @@ from ccpin.mechanism.mechanism import Mechanism
 
 _BEYOND = 5.0  # standard deviations: Gaussian noise is farther off once in 1.7 million samples
 _ABOUT = 51  # samples over which residuals are compared: at a jerk all of them are large, about an outlier it alone
-_LEAST = 1e-14  # of the largest number: rounding
+_LEAST = 1e-14  # of the largest number, or of a radian or metre: rounding
+_ROUNDED = 1e-9  # of a time between samples
+_REACH = 2.0  # usual times between two samples: what is farther from any position is not looked at
 _MOST_KNOTS = 2000
 _ITERATIONS, _CLOSE = 30, 1e-9
 
@@ -59,8 +61,11 @@ class Smoothed(NamedTuple):
         t: Times, s, of shape (T,).
         q, v, a: Independent coordinates, velocities and accelerations, of shape (T, n) each.
         u: Measured efforts of the motors as they are, NaN where there is none, of shape (T, motors).
+        near: Whether each coordinate has a position that counts within two of its usual times between samples, or a
+            knot's spacing, of shape (T,): beyond it the motion is a guess.
         q_deviation, v_deviation, a_deviation: Their standard deviations, of shape (T, n) each.
-        noise: Standard deviation of each position's and velocity's column about the motion, by name.
+        noise: Standard deviation of each position's and velocity's column about the motion, by name: far above what
+            the sensor has where sensors contradict one another, or the closures.
         outliers: Samples that were left out.
         errors: How errors of q, q̇ and q̈ at all times hang together.
     """
@@ -70,6 +75,7 @@ class Smoothed(NamedTuple):
     v: Array
     a: Array
     u: Array
+    near: Mask
     q_deviation: Array
     v_deviation: Array
     a_deviation: Array
@@ -78,8 +84,8 @@ class Smoothed(NamedTuple):
     errors: SplineErrors
 
     def with_efforts(self) -> Indices:
-        """The samples that have the efforts of all motors, by number."""
-        return np.flatnonzero(~np.isnan(self.u).any(axis=1))
+        """The samples that have the efforts of all motors, and positions near by, by number."""
+        return np.flatnonzero(self.near & ~np.isnan(self.u).any(axis=1))
 
     def transmission(self, model: ReducedModel, rows: Indices) -> Array:
         """ρᵀSᵀ at some samples, of shape (len(rows), n, motors)."""
@@ -149,17 +155,26 @@ def smoothed(
     weights = np.array([alone[f"q_{part.name}"].weight for part in parts])
     penalty = sparse.kron(knots.roughness(), sparse.diags_array(weights)).tocsr()
     c = np.column_stack([alone[f"q_{part.name}"].fit.c for part in parts])
-    fit = _together(model, basis, measured, alone, banded(penalty, model.n), c)
+    fit, about = _together(model, basis, measured, alone, banded(penalty, model.n), c)
     q, v, a = (np.asarray(each @ fit.c) for each in basis)
     inverse = inverse_band(fit.factor)
     q_deviation, v_deviation, a_deviation = (_deviations(inverse, each, model.n) for each in basis)
     names = model.mechanism.actuated
     efforts = [log.columns.get(f"u_{name}", np.full(len(log.t), np.nan)) for name in names]
     u = np.column_stack(efforts) if efforts else np.zeros((len(log.t), 0))
-    told = {name: each.noise for name, each in alone.items()}
+    told = {name: max(each.noise, about[name]) for name, each in alone.items()}
     left_out = tuple(sorted(outliers, key=lambda each: each.t))
     errors = SplineErrors(basis, fit.factor, penalty, smoothness)
-    return Smoothed(log.t, q, v, a, u, q_deviation, v_deviation, a_deviation, told, left_out, errors)
+    step = float(knots.t[1] - knots.t[0])
+    near = np.all([_near(log.t, log.t[alone[f"q_{part.name}"].kept], step) for part in parts], axis=0)
+    return Smoothed(log.t, q, v, a, u, near, q_deviation, v_deviation, a_deviation, told, left_out, errors)
+
+
+def _near(t: Array, measured: Array, step: float) -> Mask:
+    """Which times have a measured one within reach."""
+    after = np.clip(np.searchsorted(measured, t), 1, len(measured) - 1)
+    away = np.minimum(np.abs(t - measured[after - 1]), np.abs(t - measured[after]))
+    return np.asarray(away <= max(_REACH * float(np.median(np.diff(measured))), step) * (1.0 + _ROUNDED))
 
 
 def _deviations(inverse: Array, design: Any, n: int) -> Array:
@@ -181,12 +196,13 @@ def _alone(
         left = max(kept.sum() - free, 1.0)
         usual = 1.4826 * float(np.median(np.abs(fit.residuals))) * np.sqrt(kept.sum() / left)
         about = 1.4826 * median_filter(np.abs(fit.residuals), _ABOUT, mode="nearest")
-        off = np.abs(fit.residuals) / np.maximum(about, max(stated or 0.0, usual, _LEAST * np.abs(y).max()))
+        least = _LEAST * max(float(np.abs(y).max()), 1.0)
+        off = np.abs(fit.residuals) / np.maximum(about, max(stated or 0.0, usual, least))
         times = t[kept]
         worst = [k for k in np.flatnonzero(off > _BEYOND) if off[k] >= off[np.abs(times - times[k]) <= reach].max()]
         if not worst:
-            scale = stated or float(np.sqrt(fit.residuals @ fit.residuals / left))
-            return _Alone(kept, max(scale, np.finfo(float).tiny), weight / scale**2 if scale else weight, fit), outliers
+            scale = stated or max(float(np.sqrt(fit.residuals @ fit.residuals / left)), least)
+            return _Alone(kept, scale, weight / scale**2, fit), outliers
         outliers += [Outlier(name, float(times[k]), float(off[k])) for k in worst]
         kept = kept.copy()
         kept[np.flatnonzero(kept)[worst]] = False
@@ -226,8 +242,11 @@ def _together(
     alone: Mapping[str, _Alone],
     penalty: Array,
     c: Array,
-) -> SplineFit:
-    """All sensors fitted at once, by Gauss and Newton's iteration from the coordinates' own splines."""
+) -> tuple[SplineFit, dict[str, float]]:
+    """All sensors fitted at once, by Gauss and Newton's iteration from the coordinates' own splines; what each misses.
+
+    That is the root mean square of its residuals, by name.
+    """
     own = {f"q_{part.name}": k for k, part in enumerate(model.coordinates.parts)}
     others = [name for name in measured if name not in own]
     direct = [_rows(basis[0], np.eye(model.n)[[k]], measured[name], alone[name]) for name, k in own.items()]
@@ -239,7 +258,9 @@ def _together(
         fit = fitted(normal_equations(together, model.n), penalty)
         step, c = float(np.abs(basis[0] @ (fit.c - c)).max()), fit.c
         if not others or step <= _CLOSE:
-            return fit
+            parts = np.split(fit.residuals, np.cumsum([len(each.y) for each in rows])[:-1])
+            sizes = (float(np.sqrt(np.mean(part**2))) for part in parts)
+            return fit, dict(zip((*own, *others), sizes, strict=True))
     raise ConvergenceError(f"fitting {', '.join(others)} with the coordinates did not converge: steps of {step:.1e}")
 
 

@@ -394,6 +394,9 @@ def test_a_certificate_says_what_its_fact_does(known):
         assert made.decay == 0.0
         assert (made.errors.shape, made.speeds.shape) == (proof.errors.shape, proof.speeds.shape)
         assert (made.ultimate.shape, made.unit.shape) == (proof.ultimate.shape, proof.unit.shape)
+    law.K_p, own = 0.5 * law.K_p, law.K_p
+    assert proof.verdict == "undecided"
+    law.K_p = own
     sent = pickle.loads(pickle.dumps(proof))
     assert (proof.verdict, sent.verdict, sent.replay().verdict) == ("proven", "undecided", "proven")
     assert sent.replay().start == pytest.approx(proof.start, rel=1e-12)

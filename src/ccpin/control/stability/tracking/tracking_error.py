@@ -7,7 +7,6 @@ motors it is about, `TubeSearch` looks for a tube, and `TubeKept` proves it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,7 +59,7 @@ class TrackingCertificate(TubeCertificate):
             self.told if self.proved is None or self._known is not None else not_known_of("this law and these errors")
         )
 
-    @cached_property
+    @property
     def _known(self) -> Fact | None:
         """The fact, if it is one about the law, ε and f̄."""
         if not is_fact(self.proved, TubeKept):
