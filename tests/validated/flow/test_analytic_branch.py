@@ -129,6 +129,7 @@ def test_two_numbers_of_q():
         assert np.all(np.abs(near - exact) <= branch.image + 1e-9)
     narrow = np.array([1e-15, *[1e-3] * (len(y) - 1)])
     assert not branch_over(loop, c, reach, y, narrow, 8).proved
+    assert not branch._replace(image=np.array([1e-2, *branch.image[1:]])).proved
     with flint().ctx.workprec(128):
         q, inside = [ball(x) for x in c.tolist()], [ball(x) for x in y[:, 0].tolist()]
         assert branch.closed(q, np.zeros(2), inside) is not None
