@@ -77,7 +77,8 @@ class LawRunner {
   // Whether it closes a model of its own.
   bool closes_itself() const { return own_ && needs_sigma(); }
 
-  // u(t, q, q̇) at the configuration the model is closed at; false where σ(q) of a model of its own does not exist.
+  // u(t, q, q̇) at the configuration the model is closed at; false where σ(q) of a model of its own does not exist, or what is
+  // learnt overflows.
   bool effort(double t, const double* q, const double* v, double* u) {
     const int n = m_.n;
     if (law_.kind == LawKind::constant) return std::copy(law_.constant.begin(), law_.constant.end(), u), true;
@@ -100,7 +101,7 @@ class LawRunner {
         for (int i = 0; i < n; ++i) demand_[i] += a_[i];
         w_.model.inverse(v, demand_.data(), u);
         return true;
-      case LawKind::adaptive: learn(v, u); return true;
+      case LawKind::adaptive: return learn(v, u);
       case LawKind::pd_plus:
         w_.terms.matrices(v, D_.data(), C_.data(), rho_.data(), rho_dot_.data());
         w_.model.gravity(model_part_.data());
@@ -120,8 +121,8 @@ class LawRunner {
   ClosedPoint near_;
   std::vector<double> q_, v_, a_, e_, edot_, demand_, model_part_, D_, C_, rho_, rho_dot_, Y_, learnt_;
 
-  // One sample of an adaptive law: u, and the estimate from the next one on.
-  void learn(const double* v, double* u) {
+  // One sample of an adaptive law: u, and the estimate from the next one on; false where one is not finite.
+  bool learn(const double* v, double* u) {
     const Learning& l = law_.learning;
     const int n = m_.n, k = int(estimate.size()), p = int(l.known.size());
     std::vector<double>& s = demand_;
@@ -146,6 +147,8 @@ class LawRunner {
       for (int i = 0; i < n; ++i) slope += learnt_[size_t(i) * k + j] * s[i];
       estimate[j] = std::min(std::max(estimate[j] - l.rates[j] * slope, l.lower[j]), l.upper[j]);
     }
+    const auto finite = [](double x) { return std::isfinite(x); };
+    return std::all_of(u, u + n, finite) && std::all_of(estimate.begin(), estimate.end(), finite);
   }
 };
 

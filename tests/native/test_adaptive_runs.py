@@ -174,6 +174,17 @@ def test_friction_and_wrenches_are_the_plant_s(rpdr, plant):
     assert_same(motion, theirs, 1e-9)
 
 
+@pytest.mark.filterwarnings("ignore:overflow encountered")
+def test_what_overflows_is_the_reference_s(rpdr, plant):
+    """Slopes of 1e200, whose squares no double holds: motors stay at their limits, and estimates numbers."""
+    wild = law_of(rpdr.model, 0.3, slope=1e200)
+    motion = ccpin.simulate(plant, wild, rpdr.near.q + 0.01, duration=2e-3, **LOOSE)
+    assert not in_core(motion)
+    alone, _ = _in_python(wild, Sampling(wild.period), motion.t, motion, np.arange(len(motion.t)))
+    assert np.isfinite(alone).all()
+    np.testing.assert_array_equal(wild.estimates(motion).values, alone)
+
+
 class Other(AdaptiveTracking):
     """A law whose step is another."""
 

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("flint")
 from ccpin.programs.instructions import Code, Instruction, Kind, LinearSystem
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly
-from ccpin.validated.arithmetic.balls import flint
+from ccpin.validated.arithmetic.balls import ball, flint, upper
 from ccpin.validated.arithmetic.chebyshev import between, beyond, bounded, waves
 from ccpin.validated.arithmetic.polydisc import (
     Analytic,
@@ -228,6 +228,17 @@ def test_chebyshev_polynomials():
     exact = np.prod(np.cos(ring(2, 3).exponents * np.arccos(points)[:, None]), axis=2)
     assert np.all(np.abs(found.mid - exact) <= found.rad + 1e-15)
     assert found.rad.max() < 1e-13
+
+
+def test_chebyshev_polynomials_of_high_degree():
+    """r_(i+j) = 2 (r_i + r_j) + r_(i−j) + 9u at most: 8uN² covers that, u = 2⁻⁵³, where (1 + √2)^N would not do."""
+    points = np.linspace(-1.0, 1.0, 7)
+    found = waves(points[:, None], 99)
+    with flint().ctx.workprec(128):
+        off = [[upper(abs(ball(x).chebyshev_t(k) - ball(t))) for k, t in enumerate(row)]
+               for x, row in zip(points.tolist(), found.mid.tolist(), strict=True)]  # fmt: skip
+    assert np.all(off <= found.rad)
+    assert found.rad.max() < 99**2 * 2.0**-50
 
 
 @pytest.mark.parametrize(("n", "degree", "rho"), [(1, 5, 2.0), (2, 3, 4.0), (3, 8, 10.0)])

@@ -68,6 +68,13 @@ def test_lipschitz_constant_and_image_are_sharp(arc):
     assert not over(arc, 0.0, 1e-9, 1.0, still).proved
 
 
+def test_what_does_not_contract_proves_nothing(arc):
+    """β = 1, as it may round to where the image is a hair within: points would be any distance off."""
+    branch = over(arc, 0.0, 0.5, 1e-3)
+    assert branch._replace(share=float(np.nextafter(1.0, 0.0))).proved
+    assert not branch._replace(share=1.0).proved
+
+
 def test_a_wide_tube_holds_the_other_arc(arc):
     """−√(1 − q²) is 2 off: no tube of that radius is one sheet's."""
     assert not over(arc, 0.0, 0.1, 2.0).proved
@@ -122,6 +129,7 @@ def test_two_numbers_of_q():
         assert np.all(np.abs(near - exact) <= branch.image + 1e-9)
     narrow = np.array([1e-15, *[1e-3] * (len(y) - 1)])
     assert not branch_over(loop, c, reach, y, narrow, 8).proved
+    assert not branch._replace(image=np.array([1e-2, *branch.image[1:]])).proved
     with flint().ctx.workprec(128):
         q, inside = [ball(x) for x in c.tolist()], [ball(x) for x in y[:, 0].tolist()]
         assert branch.closed(q, np.zeros(2), inside) is not None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -91,9 +91,10 @@ class DependentColumns(ProvableClaim):
         with flint().ctx.workprec(int(self.precision[0])):
             branch = branch_of(self)
             seen = self._seen(branch)
+            columns = flint().arb_mat(self.combinations.T.tolist())
             rubbing = rubbing_of(self.equations, self.combinations, seen[0])
-            values = of_balls([self._left(each, rubbing) for each in seen])
-            bound = of_balls([self._left(everywhere(self.equations, branch), rubbing)]).size[0]
+            values = of_balls([self._left(each, columns, rubbing) for each in seen])
+            bound = of_balls([self._left(everywhere(self.equations, branch), columns, rubbing)]).size[0]
         most = bounded(values, self.points, int(self.orders[1]), bound, float(self.rho[0]))
         left = self._by_size(most, seen, rubbing)
         require(left <= self.share, "more than this share is left")
@@ -117,10 +118,10 @@ class DependentColumns(ProvableClaim):
                 raise NotProvedError("no motion is proved to be at a point") from None
         return found
 
-    def _left(self, seen: Seen, rubbing: Rubbing) -> list[Ball]:
+    def _left(self, seen: Seen, columns: Any, rubbing: Rubbing) -> list[Ball]:
         """Forms of combinations, (forms, s) row by row, and what friction leaves of them, (w, columns)."""
         matrix = flint().arb_mat
-        smooth = matrix(self.equations.smooth_forms(seen)) * matrix(self.combinations.T.tolist())
+        smooth = matrix(self.equations.smooth_forms(seen)) * columns
         rates = matrix(rubbing.weights.tolist()) * matrix(seen.rho) if len(rubbing.weights) else None
         return [*smooth.entries(), *(() if rates is None else rates.entries())]
 

@@ -118,7 +118,7 @@ def hull(stack: BallArray, group: int) -> BallArray:
 
 
 def of_balls(rows: Sequence[Sequence[Ball]]) -> BallArray:
-    """A table of balls in doubles."""
+    """A table of balls in doubles, of radii `_LEAST` or more: products of subnormal ones are much slower."""
     mid = np.array([centre_of(row) for row in rows])
     rad = np.array(
         [
@@ -126,7 +126,7 @@ def of_balls(rows: Sequence[Sequence[Ball]]) -> BallArray:
             for row, centre in zip(rows, mid.tolist(), strict=True)
         ]
     )
-    return BallArray(mid, rad)
+    return BallArray(mid, np.maximum(rad, _LEAST))
 
 
 def sine_and_cosine(angle: BallArray) -> tuple[BallArray, BallArray]:

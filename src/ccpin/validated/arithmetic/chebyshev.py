@@ -18,11 +18,14 @@ _OUT = 1.0 + 2.0**-36  # on what is not negative: covers the roundings of sums o
 
 
 def waves(points: Array, degree: int) -> BallArray:
-    """Π T_{k_i}(ξ_i) for |k| ≤ N at points of shape (P, n), of shape (P, K)."""
-    xi = exactly(points)
-    rows = [exactly(np.ones_like(points)), xi]
+    """Π T_{k_i}(ξ_i) for |k| ≤ N at points of shape (P, n), of shape (P, K).
+
+    T_{i+j} = 2 T_i T_j − T_{i−j} by halves, i − j ≤ 1: radii then grow as N², one by one as (1 + √2)^N.
+    """
+    rows = [exactly(np.ones_like(points)), exactly(points)]
     while len(rows) <= degree:
-        rows.append(exactly(np.full_like(points, 2.0)) * xi * rows[-1] - rows[-2])
+        small, large = rows[len(rows) // 2], rows[(len(rows) + 1) // 2]
+        rows.append(exactly(np.full_like(points, 2.0)) * small * large - rows[len(rows) % 2])
     every, total = stacked(rows), exactly(np.ones((len(points), 1)))
     for place, orders in enumerate(ring(points.shape[1], degree).exponents.T):
         total = total * every.at(np.s_[:, place, orders])

@@ -43,8 +43,8 @@ class AnalyticBranch(NamedTuple):
 
     @property
     def proved(self) -> bool:
-        """Whether the tube is mapped into its interior."""
-        return bool(np.all(self.image < self.radius))
+        """Whether the tube is mapped into its interior, by a contraction."""
+        return self.share < 1.0 and bool(np.all(self.image < self.radius))
 
     def closed(self, q: Sequence[Ball], xi: Array, y: Sequence[Ball]) -> list[Ball] | None:
         """The numbers x of σ at a real q = c + Rξ, about a computed y in the tube; ``None`` where it is not in there.
