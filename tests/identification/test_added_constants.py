@@ -100,7 +100,7 @@ def test_of_two_logs_each_has_its_own_load_in_simulated_motions(bench, loaded):
 )
 def test_what_is_no_load_is_refused(bench, added, words):
     with pytest.raises(InvalidInputError, match=words):
-        identify(bench.model, [bench.log(0)] * 2, added=added)
+        identify(bench.model, [bench.log(0), bench.log(1)], added=added)
 
 
 def test_the_command_takes_a_load(bench, loaded, tmp_path, capsys):

@@ -45,6 +45,7 @@ def test_slopes_of_forces_by_accelerations_are_the_inertia(bench):
 @pytest.mark.slow
 def test_with_coarse_encoders_intervals_hold_and_those_of_white_noise_do_not(bench, monkeypatch):
     logs, off = [bench.log(seed, encoder=1e-3) for seed in range(20)], []
+    monkeypatch.setattr(estimation, "with_coloured_noise", lambda covariance, *rest: covariance)
     for _ in range(2):
         found = [identify(bench.model, each) for each in logs]
         off.append(np.mean([np.abs(each.values - each.stated) < 1.96 * each.deviations for each in found]))

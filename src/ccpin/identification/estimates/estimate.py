@@ -34,7 +34,7 @@ class Estimate(NamedTuple):
         parameters: All constants looked at: those nearest the model's (in effect) that agree with the values.
         effort_noise: Standard deviation of what is left of each row of ρᵀSᵀu, N m or N, of shape (n,).
         autocorrelation: Of what is left of each row, from one sample to the next, of shape (n,). Where it is large
-            noise hangs together, or the model does not hold, and deviations are too small; 0 is no proof of it.
+            noise hangs together, which the covariance counts, or the model does not hold; 0 is no proof of it.
         samples: How many counted, and how many were left out because a joint may have stood.
         outliers: Efforts that were left out, by the motor that explains them best; `off` in deviations of all rows.
         held_out: What constants found without a part of the samples make of it.

@@ -2,8 +2,8 @@
 
 A log's motion is smoothed first (`smoothing`); each sample with all efforts gives the n rows of
 Y(q, q̇, q̈) π = ρᵀSᵀu (22). What the rows tell apart is β = Vᵀ S π (`felt_combinations`); with Σ the efforts' noise,
-found from the residuals, β̂ = C Wᵀ Σ⁻¹ τ with C = (Wᵀ Σ⁻¹ W)⁻¹ (`robust_fit`). C would be its covariance if what is left
-were white; what errors of the smoothed motion add, which hang together, is counted besides (`motion_errors`).
+found from the residuals, β̂ = C Wᵀ Σ⁻¹ τ with C = (Wᵀ Σ⁻¹ W)⁻¹ (`robust_fit`). C is its covariance where what is left is
+white; where it is not that is counted (`coloured_noise`), and what errors of the smoothed motion add (`motion_errors`).
 (C. Atkeson, C. An and J. Hollerbach, Estimation of inertial parameters of manipulator loads and links, International
 Journal of Robotics Research 5, 1986; M. Gautier, Numerical calculation of the base inertial parameters, 1991.)
 
@@ -29,6 +29,7 @@ from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import ConvergenceError, InvalidInputError
 from ccpin.identification.estimates.clock_delays import Delay, further_delays, slopes
+from ccpin.identification.estimates.coloured_noise import with_coloured_noise
 from ccpin.identification.estimates.effort_samples import (
     EffortSamples,
     autocorrelation,
@@ -266,7 +267,9 @@ def _estimate(
     values = np.array(everything.values)
     values[found.columns] = stated + V @ (best.beta - best.stated) / scale
     parameters = DynamicParameters(everything.names, everything.kinds, everything.units, values)
+    chained = autocorrelation(samples, rows.left(best.beta), fit.counted)
     covariance = with_motion_errors(model, samples, both, fit, parameters, k)
+    covariance = with_coloured_noise(covariance, samples, both, fit, chained)
     measured = np.concatenate([each.force for each in samples])
     missed = measured - np.concatenate([each.Y @ everything.plus(each.added).values for each in samples])
     own = fit.counted
@@ -287,7 +290,7 @@ def _estimate(
         multiples,
         parameters,
         fit.deviation,
-        autocorrelation(samples, rows.left(best.beta), own),
+        chained,
         (int(own.sum()), sum(each.left for each in samples)),
         tuple(effort_outliers(model, samples, fit, rows.left(best.beta))),
         unseen,
