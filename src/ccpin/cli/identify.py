@@ -121,7 +121,7 @@ def _identify(options: argparse.Namespace) -> int:
         if chained > _CHAINED:
             print(
                 f"what is left of the efforts at {name} hangs together from sample to sample (autocorrelation "
-                f"{chained:.2g}), which deviations count: noise, or lengths, encoders or friction are not as the file says"
+                f"{chained:.2g}), which deviations count: noise, or a file's lengths, encoders or friction are wrong"
             )
     if estimate.outliers:
         print(f"{len(estimate.outliers)} samples were left out, at which efforts are grossly off (--report names them)")
