@@ -28,6 +28,7 @@ from ccpin.identification.estimates.effort_samples import EffortSamples
 from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit
 
 _WHITE, _MOST = 0.1, 0.99  # autocorrelations
+_ROUNDING = 1e-14  # of the largest direction of a covariance of unit deviations
 
 
 def with_coloured_noise(
@@ -37,11 +38,13 @@ def with_coloured_noise(
     a = min(float(autocorrelation.max(initial=0.0)), _MOST)
     if a < _WHITE:
         return covariance
-    L = np.linalg.cholesky(covariance)
-    inverse = np.linalg.inv(L)
+    scale = np.sqrt(np.diag(covariance))
+    share, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    root = np.sqrt(np.maximum(share, _ROUNDING * share[-1]))
+    L, inverse = scale[:, None] * axes * root, (axes / root).T / scale
     size, turned = np.linalg.eigh(inverse @ coloured_covariance(samples, rows, fit, a) @ inverse.T)
-    root = L @ turned * np.sqrt(np.maximum(size, 1.0))
-    return np.asarray(root @ root.T)
+    L = L @ turned * np.sqrt(np.maximum(size, 1.0))
+    return np.asarray(L @ L.T)
 
 
 def coloured_covariance(samples: Sequence[EffortSamples], rows: EffortRows, fit: RobustFit, a: float) -> Array:
