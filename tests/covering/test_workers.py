@@ -154,7 +154,7 @@ def test_an_exhaustive_search_for_empty_cells_ends_in_time():
     mechanism = ccpin.load("planar_3rrr")
     q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     start = time.perf_counter()
-    atlas = domain.certify(mechanism, q0, max_depth=4, exhaustive=True, resolution=0.1, seconds=1.5)
+    atlas = domain.certify(mechanism, q0, max_depth=4, exhaustive=True, resolution=0.1, seconds=0.7)
     assert time.perf_counter() - start < 60.0
     assert not atlas.complete
     assert len(atlas.boxes.kappa)

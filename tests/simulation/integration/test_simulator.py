@@ -15,6 +15,7 @@ from tests.oracles import rpdr as oracle
 from tests.support.agreement import reference_model
 from tests.support.backends import same_on_both
 from tests.support.limp import Limp
+from tests.support.long_cases import later
 from tests.support.paper import FRICTION, GOAL, K_P, K_V, START
 
 POSE = np.radians([-95.0, -105.0])
@@ -69,7 +70,7 @@ def after_the_pulse():
 
 @pytest.mark.parametrize("sample_period", [1e-3, 0.6])
 @pytest.mark.parametrize("times", [None, [0.5, 0.55]])
-@pytest.mark.parametrize("method", ["RK45", "DOP853", "LSODA"])
+@pytest.mark.parametrize("method", ["LSODA", *later("RK45", "DOP853")])
 def test_a_pulse_is_not_stepped_over(rpdr_model, sample_period, times, method):
     """From rest, whether the law says when it switches or not, and however the motion is sampled."""
     motion = ccpin.simulate(

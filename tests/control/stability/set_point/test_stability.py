@@ -76,7 +76,7 @@ def test_what_progress_raises_ends_it():
 
     for domain in (None, atlas):
         with pytest.raises(TimeoutError):
-            certify_law(law, domain, progress=_stopped_after(20, leave))
+            certify_law(law, domain, progress=_stopped_after(3, leave))
 
 
 def _closed_form_potential(paper):
