@@ -378,9 +378,10 @@ class Flaky(ThreadPoolExecutor):
         return future
 
 
-def test_executor_does_not_change_the_atlas(rpdr):
+@pytest.mark.parametrize("depth", later(6, 7))
+def test_executor_does_not_change_the_atlas(rpdr, depth):
     """Serial, worker processes and an executor that loses tasks give the same boxes bit for bit."""
-    arguments = {"q0": SEED, "max_depth": 7}
+    arguments = {"q0": SEED, "max_depth": depth}
     serial = certify(rpdr, **arguments)
     with ProcessPoolExecutor(2) as pool:
         assert same(serial, certify(rpdr, **arguments, executor=pool))
