@@ -260,6 +260,7 @@ def test_a_singular_mechanism_ends_a_passive_motion(options):
     assert run.evaluations < 20_000
 
 
+@same_on_both
 def test_joints_that_move_no_mass_end_a_passive_motion():
     """Three revolutes with a wrench on a link between are no ball: in gimbal lock two move nothing, and are named."""
     model = ccpin.ReducedModel(ccpin.load("stewart"))
