@@ -85,12 +85,12 @@ def sprung_model():
         ("sprung_model", "DOP853"),
     ],
 )
-@pytest.mark.parametrize("duration", later(0.1, 0.2))
+@pytest.mark.parametrize("duration", later(0.12, 0.2))
 def test_laws(subject, kind, method, duration, request):
     """Every law of the core against the reference's, to the integrator's tolerance."""
     model = request.getfixturevalue(subject)
     q0, q_d = ends(model)
-    move, way = PointToPoint(model, q0, q_d, 0.08), Waypoints(model, [0.0, 0.06, 0.25], [q0, q_d, q0])
+    move, way = PointToPoint(model, q0, q_d, 0.15), Waypoints(model, [0.0, 0.1, 0.25], [q0, q_d, q0])
     law = {
         "free": lambda: NoTorque(model),
         "simple": lambda: PDSimpleGravity(model, q_d, [40.0, 30.0], [5.0, 4.0]),
