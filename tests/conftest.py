@@ -1,5 +1,6 @@
 """What every test file shares: the case study loaded once, reproducible Hypothesis runs, and Ctrl-C that is heard."""
 
+import gc
 import os
 import signal
 
@@ -16,6 +17,14 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "reproducible"))
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as shells start what they put in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+gc.disable()  # until all tests are collected, which make no garbage
+
+
+def pytest_collection_finish():
+    """Tests and modules stay to the end: the collector does not look through them every time, which takes long."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

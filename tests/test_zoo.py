@@ -10,6 +10,7 @@ import pytest
 import ccpin
 from tests.oracles import bennett, delta, four_bar, sarrus, slider_crank
 from tests.oracles.geometry import wrap
+from tests.support.long_cases import later
 
 ZOO = ("four_bar", "slider_crank", "planar_3rrr", "delta", "stewart", "hexa", "bennett", "sarrus")
 FOURTH_ORDER = {-2: (1.0, -1.0), -1: (-8.0, 16.0), 0: (0.0, -30.0), 1: (8.0, 16.0), 2: (-1.0, -1.0)}  # /12
@@ -81,12 +82,13 @@ def test_another_reader_sees_the_same_tree(name):
     np.testing.assert_allclose(mass, expected, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("points", later(100, 500))
 @every_mechanism
-def test_sigma_is_the_closed_form(name):
+def test_sigma_is_the_closed_form(name, points):
     """σ from the reference equals the geometric solution in the file's assembly mode, all over its box."""
     model, oracle = reduced_model(name), oracle_of(name)
     rng = np.random.default_rng(7)
-    for p in rng.uniform(*oracle.BOX.T, (500, len(oracle.BOX))):
+    for p in rng.uniform(*oracle.BOX.T, (points, len(oracle.BOX))):
         displacements = oracle.configuration(p)
         found = model.sigma(select(model.mechanism, displacements))
         expected = vector(model.mechanism, displacements)

@@ -14,6 +14,7 @@ pytest.importorskip("flint")
 
 from ccpin.auditing import closures, empty_cells, reading, singular_points, verify
 from tests.support.altered import changed, claim, without_boxes
+from tests.support.long_cases import later
 
 TORUS = np.full(2, -np.pi), np.full(2, np.pi)
 
@@ -27,14 +28,15 @@ def torus(tmp_path_factory):
     return atlas, path
 
 
-def test_empty_and_singular_cells_are_proved(torus):
+@pytest.mark.parametrize("sample", later(8, 20))
+def test_empty_and_singular_cells_are_proved(torus, sample):
     """As many as there are of both, a sample of each."""
     atlas, path = torus
-    audit = verify(path, sample=20)
+    audit = verify(path, sample=sample)
     assert audit.holds, str(audit)
     for word, status in (("without a closed", CellStatus.EMPTY), ("with a singular", CellStatus.SINGULAR)):
         assert claim(audit, word).of == len(atlas.tree.leaves(status)) >= 60
-        assert claim(audit, word).checked == 20
+        assert claim(audit, word).checked == sample
 
 
 def test_cells_that_are_not_empty_are_found(torus, tmp_path, monkeypatch):

@@ -30,7 +30,7 @@ def test_radii_in_words_and_json(capsys):
 
 def test_a_region_with_its_files(tmp_path, capsys, monkeypatch):
     """The region used for control is certified whole; atlas and figures are written and can be used."""
-    monkeypatch.setattr("ccpin.domain.singularities", partial(singularities, starts=10))
+    monkeypatch.setattr("ccpin.domain.singularities", partial(singularities, starts=3))
     out = [*REGION, "--centre-deg", "-120", "-130", "--save", str(tmp_path / "atlas.npz"), "--plot", str(tmp_path)]
     assert main(["domain", "rpdr", *out, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)

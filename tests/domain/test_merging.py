@@ -13,6 +13,7 @@ from ccpin.domain import Atlas, certified_radius, certify, merge, split_region
 from ccpin.domain.atlas.merged import _between
 from ccpin.errors import InvalidInputError
 from tests.oracles import rpdr as oracle
+from tests.support.long_cases import later
 
 TORUS = np.full(2, -np.pi), np.full(2, np.pi)
 SEED = np.radians((-108.0, -72.0))
@@ -41,14 +42,15 @@ def quarters(rpdr, torus):
     return parts_of(rpdr, torus, 4, 6)
 
 
-def test_four_quarters_are_the_branch(torus, quarters):
+@pytest.mark.parametrize("points", later(4000, 20_000))
+def test_four_quarters_are_the_branch(torus, quarters, points):
     """The merged atlas closes on itself, and says of points, σ and shares what the whole one says."""
     merged = merge(quarters)
     assert np.all(merged.region.wrapped)
     assert merged.single_valued
     assert merged.complete
     assert np.all(merged.verify())
-    q = np.random.default_rng(1).uniform(*TORUS, (20_000, 2))
+    q = np.random.default_rng(1).uniform(*TORUS, (points, 2))
     inside, whole = merged.contains(q), torus.contains(q)
     open_cells = [1.0 - a.certified_fraction - a.empty_fraction for a in (merged, torus)]
     assert np.mean(inside != whole) < max(open_cells)

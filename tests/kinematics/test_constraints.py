@@ -47,19 +47,19 @@ def assert_derivatives(constraints, q_free, v_free):
 @pytest.mark.parametrize("floating_base", later(True, False))
 @pytest.mark.parametrize("planar", [False, True])
 @every_kind
-def test_derivatives(kind, planar, floating_base):
+@pytest.mark.parametrize("seed", later(0, 1))
+def test_derivatives(seed, kind, planar, floating_base):
     """φ_q′ and φ̇_q′ are φ's derivatives on the manifold and off it, with every planar reduction and without."""
-    for seed in range(2):
-        description = grown(kind, planar, 100 * seed + planar)
-        tree = build_tree(description, floating_base)
-        reference = stated_pose(tree, description)
-        rng = np.random.default_rng(seed)
-        for reduce_planar in (True, False):
-            constraints = Constraints(tree, description.closures, (), reduce_planar=reduce_planar)
-            np.testing.assert_allclose(constraints.residual(reference), 0.0, rtol=0, atol=1e-12)
-            away = pin.integrate(tree.model, reference, rng.normal(size=tree.model.nv))
-            for q_free in (reference, away):
-                assert_derivatives(constraints, q_free, rng.normal(size=tree.model.nv))
+    description = grown(kind, planar, 100 * seed + planar)
+    tree = build_tree(description, floating_base)
+    reference = stated_pose(tree, description)
+    rng = np.random.default_rng(seed)
+    for reduce_planar in (True, False):
+        constraints = Constraints(tree, description.closures, (), reduce_planar=reduce_planar)
+        np.testing.assert_allclose(constraints.residual(reference), 0.0, rtol=0, atol=1e-12)
+        away = pin.integrate(tree.model, reference, rng.normal(size=tree.model.nv))
+        for q_free in (reference, away):
+            assert_derivatives(constraints, q_free, rng.normal(size=tree.model.nv))
 
 
 @every_kind

@@ -66,6 +66,7 @@ class _Forks:
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Run them all."""
         self.outcomes = ["too long"] * len(self._changes)
+        gc.unfreeze()  # `_apply` asks the collector for all functions (tests/conftest.py)
         gc.collect()
         running: dict[int, tuple[int, float]] = {}
         waiting = list(enumerate(self._changes))[::-1]

@@ -24,6 +24,7 @@ from tests.support.agreement import (
     refused,
     relative,
 )
+from tests.support.long_cases import later
 from tests.support.places import MODELS, SHARED
 from tests.support.strategies import mechanisms, rigid
 
@@ -59,12 +60,13 @@ def compare_states(path, count):
             assert_same(model, kernel, q, rng)
 
 
+@pytest.mark.parametrize("states", later(4, 12))
 @pytest.mark.parametrize("path", QUICK, ids=[path.stem for path in FILES])
-def test_models(path):
+def test_models(path, states):
     """Every model that comes with ccpin, and those of others, at random states from near the reference to far."""
     if not path.exists():
         pytest.skip(f"no {path}: these files belong to others")
-    compare_states(path, 12)
+    compare_states(path, states)
 
 
 @pytest.mark.parametrize("name", ["g", "acceleration", "da_dq"])
@@ -265,14 +267,15 @@ def compare_bearings(model, kernel, rng, states):
         assert relative(numbers[2][1:, :3, 3], bearings.of_joints(state, _LoadCase(v, u, pushed, None)).point) <= 1e-12
 
 
+@pytest.mark.parametrize("states", later(2, 6))
 @pytest.mark.parametrize("path", QUICK, ids=[path.stem for path in FILES])
-def test_bearings(path):
+def test_bearings(path, states):
     """Newton and Euler over the clusters give what they give body by body, on every model."""
     if not path.exists():
         pytest.skip(f"no {path}: these files belong to others")
     mechanism = ccpin.load(path)
     model, kernel, rng = reference_model(mechanism), native.kernel(mechanism), np.random.default_rng(13)
-    compare_bearings(model, kernel, rng, random_states(model, rng, 6))
+    compare_bearings(model, kernel, rng, random_states(model, rng, states))
 
 
 @pytest.mark.slow

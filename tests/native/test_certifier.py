@@ -19,6 +19,7 @@ from ccpin.native.certifier import certifier, numbers_of
 from ccpin.proof.equations import Derivatives, closure_values, closures_of, derivatives, problem_of
 from ccpin.proof.newton import Boxes, bounds_of, check
 from tests.support.closures import ARMS, KINDS, PLANAR, SPATIAL, closed_problem, open_problem, two_arms
+from tests.support.long_cases import later
 
 if backend().name != "native":
     pytest.skip(backend().reason, allow_module_level=True)
@@ -322,12 +323,13 @@ def test_values_are_within_their_margin(precise, arms, kind):
 
 @pytest.mark.parametrize("arms", ARMS.values(), ids=ARMS)
 @pytest.mark.parametrize("kind", ["revolute", "fixed", "cylindrical", "planar"])
-def test_second_derivatives_are_within_their_margin(precise, arms, kind):
+@pytest.mark.parametrize("states", later(1, 2))
+def test_second_derivatives_are_within_their_margin(precise, arms, kind, states):
     """φ_θθ is within γ · magnitude of the exact difference quotient of φ_θ (steps of 2⁻⁶⁰); the rest is NumPy's."""
     mechanism = two_arms(arms, kind)
     system = reading_of(mechanism, mechanism.q_reference).system
     problem, rng = problem_of(system, "reach"), np.random.default_rng(7)
-    theta = rng.uniform(-3, 3, (2, mechanism.n_free))
+    theta = rng.uniform(-3, 3, (states, mechanism.n_free))
     found = Derivatives(*certifier(system, None).derivatives(theta))
     for computed, reference in zip(found, derivatives(problem, theta), strict=True):
         np.testing.assert_allclose(computed, reference, atol=1e-12)

@@ -85,7 +85,8 @@ def sprung_model():
         ("sprung_model", "DOP853"),
     ],
 )
-def test_laws(subject, kind, method, request):
+@pytest.mark.parametrize("duration", later(0.12, 0.2))
+def test_laws(subject, kind, method, duration, request):
     """Every law of the core against the reference's, to the integrator's tolerance."""
     model = request.getfixturevalue(subject)
     q0, q_d = ends(model)
@@ -98,8 +99,8 @@ def test_laws(subject, kind, method, request):
         "PD+": lambda: PDPlus(model, way, [40.0, 30.0], [5.0, 4.0]),
         "gravity": lambda: PDOnlineGravity(model, way, [40.0, 30.0], [5.0, 4.0]),
     }[kind]()
-    ours = in_core(model, law, q0, 0.2, method)
-    theirs = reference(model, law, q0, duration=0.2, sample_period=0.01, method=method)
+    ours = in_core(model, law, q0, duration, method)
+    theirs = reference(model, law, q0, duration=duration, sample_period=0.01, method=method)
     np.testing.assert_allclose(ours.q, theirs.q, rtol=0, atol=1e-9)
     np.testing.assert_allclose(ours.v, theirs.v, rtol=0, atol=2e-7)
     np.testing.assert_allclose(ours.u[0], theirs.u[0], rtol=0, atol=1e-11)

@@ -141,8 +141,8 @@ def fold(q_free):
 
 
 def elongation(q):
-    """√(λ² + μ²)/(a₃ + a₄): σ exists strictly between 0 and 1."""
-    return float(np.hypot(*elbow_offset(q))) / (A3 + A4)
+    """√(λ² + μ²)/(a₃ + a₄), q of shape (2, …): σ exists strictly between 0 and 1."""
+    return np.hypot(*elbow_offset(q)) / (A3 + A4)
 
 
 def coincident_elbows():

@@ -12,12 +12,14 @@ from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.programs import compiled_model
 from ccpin.programs.compiling import NoCompilerError, compiler
 from tests.support.agreement import reference_model
+from tests.support.long_cases import later
 
 try:
     compiler()
 except NoCompilerError as error:
     pytest.skip(str(error), allow_module_level=True)
 
+RPDR, ANKLE = "rpdr", "docs/howto/ankle.urdf"
 MANY = {"sigma": 1, "terms": 2, "forward_dynamics": 3, "inverse_dynamics": 3, "forward_dynamics_derivatives": 3}
 
 
@@ -42,7 +44,7 @@ def model_of(model):
     return getattr(model, "model", model)
 
 
-@pytest.fixture(scope="module", params=["rpdr", "docs/howto/ankle.urdf"])
+@pytest.fixture(scope="module", params=[RPDR, ANKLE])
 def model(request):
     """A plane mechanism and one with balls."""
     return ccpin.ReducedModel(ccpin.load(request.param))
@@ -54,7 +56,12 @@ def own(model):
     return programs.compiled(model)
 
 
-@pytest.mark.parametrize("name", list(MANY))
+@pytest.mark.parametrize(
+    ("model", "name"),
+    [(RPDR, name) for name in MANY]
+    + [pytest.param(ANKLE, name, marks=[pytest.mark.slow] * (name != "forward_dynamics")) for name in MANY],
+    indirect=["model"],
+)
 def test_answers_are_the_cores(model, own, name, monkeypatch):
     """To rounding, and without the core: every row near by is the program's."""
     given = batch(model, 300, 0.02)
@@ -132,7 +139,8 @@ def test_the_other_branch_is_not_taken():
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-7)
 
 
-def test_circles_are_pairs():
+@pytest.mark.parametrize("names", later(["sigma", "forward_dynamics"], MANY), ids=["two", "all"])
+def test_circles_are_pairs(names):
     """A continuous joint is (cosine, sine) for both; a pair that is none is refused alike."""
     described = ccpin.load("rpdr").description
     joints = (replace(joint, kind="continuous", lower=-np.inf, upper=np.inf) for joint in described.joints)
@@ -140,7 +148,7 @@ def test_circles_are_pairs():
     own = programs.compiled(model)
     assert (model.nq, model.n) == (4, 2)
     given = batch(model, 50, 0.05)
-    for name in MANY:
+    for name in names:
         for a, b in zip(ask(own, name, given), ask(model, name, given), strict=True):
             np.testing.assert_allclose(a, b, rtol=0, atol=1e-11 * max(np.abs(b).max(), 1.0))
     _, answered = own._by_program("sigma", [given[0]], model.mechanism.q_reference, 1, [(model.mechanism.nq,)])

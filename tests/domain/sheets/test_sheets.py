@@ -15,6 +15,7 @@ from tests.oracles import planar_3rrr as three_legs
 from tests.oracles import rpdr as five_bar
 from tests.oracles import slider_crank as sliding
 from tests.support.legs import LEG1, WHOLE, load_slice, with_first_leg
+from tests.support.long_cases import later
 
 REGION = np.array([[0.168, 0.247], [0.192, 0.271]])
 
@@ -39,9 +40,10 @@ def atlas(slice_):
     return domain.certify_sheets(slice_, REGION, max_depth=5)
 
 
-def test_counts_are_those_of_the_sextic(atlas):
-    """At 1,500 points the number proved is the number of real roots of the polynomial of degree six."""
-    q = np.random.default_rng(1).uniform(*REGION, (1500, 2))
+@pytest.mark.parametrize("points", later(400, 1500))
+def test_counts_are_those_of_the_sextic(atlas, points):
+    """The number proved is the number of real roots of the polynomial of degree six."""
+    q = np.random.default_rng(1).uniform(*REGION, (points, 2))
     wrong, known = wrong_counts(atlas, q)
     assert wrong == 0
     assert known.mean() > 0.5
@@ -59,9 +61,10 @@ def test_counts_of_the_whole_slice(slice_):
     assert sorted(sheet.sign for sheet in whole.sheets) == [-1, 1]
 
 
-def test_all_solutions_at_single_points(atlas):
+@pytest.mark.parametrize("points", later(3, 6))
+def test_all_solutions_at_single_points(atlas, points):
     """The exhaustive search over one q finds as many as the sextic has real roots, and proves that they are all."""
-    q = np.random.default_rng(3).uniform(*WHOLE, (6, 2))
+    q = np.random.default_rng(3).uniform(*WHOLE, (points, 2))
     expected, doubtful = oracle.modes(with_first_leg(q))
     for point, number, unsure in zip(q, expected, doubtful, strict=True):
         found = all_solutions(atlas.problem, atlas.ranges, point)

@@ -15,6 +15,7 @@ from tests.oracles import planar_3rpr as sextic
 from tests.oracles import rpdr as five_bar
 from tests.support.altered import changed
 from tests.support.legs import load_slice, with_first_leg
+from tests.support.long_cases import later
 
 TORUS = np.full(2, -np.pi), np.full(2, np.pi)
 REGION = np.array([[0.168, 0.247], [0.192, 0.271]])
@@ -55,11 +56,12 @@ def test_four_quarters_are_the_torus(rpdr, quarters, torus):
         assert merged.fraction(status) == pytest.approx(share, abs=1e-12)
 
 
-def test_each_configuration_is_that_of_a_part(quarters, torus):
+@pytest.mark.parametrize("points", later(15, 40))
+def test_each_configuration_is_that_of_a_part(quarters, torus, points):
     """Over points of any quarter: the same configurations, in boxes of the cell they lie over."""
     merged, rng = torus, np.random.default_rng(1)
     for part in quarters:
-        q = rng.uniform(part.region.lower, part.region.upper, (40, 2))
+        q = rng.uniform(part.region.lower, part.region.upper, (points, 2))
         tried = 0
         for point in q[part.tree.status[part._cells(q)] == CellStatus.CERTIFIED]:
             ours, theirs = merged.solutions(point)[0], part.solutions(point)[0]

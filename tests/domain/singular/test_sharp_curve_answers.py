@@ -20,6 +20,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.proof.curves import tube_claims
 from ccpin.proof.curves.tubes import Points
 from ccpin.proof.narrowing import Candidates
+from tests.support.long_cases import later
 from tests.support.straight_curves import PROBLEM, straighten, tubes
 
 SYSTEM = SimpleNamespace(
@@ -171,11 +172,12 @@ def test_boxes_left_hold_what_they_held():
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 20.0, 1e3, 1e9])
 @pytest.mark.parametrize("middle", [0.0, 1e-9, 1.0, 1000.0])
-def test_boxes_looked_at_again_hold_their_corners(scale, middle):
+@pytest.mark.parametrize("boxes", later(300, 2000))
+def test_boxes_looked_at_again_hold_their_corners(scale, middle, boxes):
     """In fractions: wide boxes about little had fallen short by a rounding of their width."""
     rng, system = np.random.default_rng(0), SimpleNamespace(m=1, n=1)
-    lower = scale * (middle - rng.uniform(0.5, 1.0, (2000, 2)))
-    upper = scale * (middle + rng.uniform(0.5, 1.0, (2000, 2)))
+    lower = scale * (middle - rng.uniform(0.5, 1.0, (boxes, 2)))
+    upper = scale * (middle + rng.uniform(0.5, 1.0, (boxes, 2)))
     found = _waiting(SimpleNamespace(system=system), UncoveredBoxes(lower, upper))
     assert not found.slopes.any()
     spare = 0.0

@@ -109,14 +109,15 @@ def test_beside_the_coinciding_elbows(rpdr):
             assert 0.0 < radius < np.abs(q0 - closed_form.coincident_elbows()).max()
 
 
+@pytest.mark.parametrize("points", later(50, 150))
 @every_centre
-def test_sigma_all_over_the_square(rpdr, centre, paper, exact):
+def test_sigma_all_over_the_square(rpdr, centre, paper, exact, points):
     """Everywhere in the certified square σ exists and is the closed form's value in the centre's mode."""
     parametrization = rpdr.parametrization()
     q0 = np.deg2rad(centre)
     start = configuration(rpdr, closed_form.sigma(q0, 1.0))
     rng = np.random.default_rng(12)
-    for q in cube_points(q0, theorem2(rpdr, start).radius, rng, 150):
+    for q in cube_points(q0, theorem2(rpdr, start).radius, rng, points):
         found = parametrization.sigma(q, start).q_free
         expected = configuration(rpdr, closed_form.sigma(q, 1.0))
         np.testing.assert_allclose(np.remainder(found - expected + np.pi, 2 * np.pi), np.pi, rtol=0, atol=1e-9)
@@ -245,7 +246,7 @@ def ladder(x, length=1.0):
 
 
 @pytest.mark.parametrize("x", [0.0, 0.3, 0.6, -0.7, 0.8, 0.95, 0.99])
-@pytest.mark.parametrize("length", [1.0, 0.1, 50.0])
+@pytest.mark.parametrize("length", later(50.0, 1.0, 0.1))
 def test_ladder_in_closed_form(x, length):
     """Against the ladder's radii worked out by hand.
 

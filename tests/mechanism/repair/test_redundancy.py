@@ -43,7 +43,8 @@ def repairs(mechanism):
 
 @pytest.mark.parametrize("decimals", [5, *later(8, 6, 11)])
 @pytest.mark.parametrize("name", [*REDUNDANT, *PLANAR, *FULL])
-def test_a_rounded_mechanism_moves_as_the_exact_one(name, decimals):
+@pytest.mark.parametrize("poses", later(2, 6))
+def test_a_rounded_mechanism_moves_as_the_exact_one(name, decimals, poses):
     """The same mobility; at poses all along the motion the same σ, D and q̈ within the rounding, and closed loops."""
     meant = exact(name)
     mechanism = ccpin.load(rounded(meant.description, decimals), independent=meant.independent)
@@ -51,7 +52,7 @@ def test_a_rounded_mechanism_moves_as_the_exact_one(name, decimals):
     assert bool(repairs(mechanism)) == (name not in FULL)
     model, other = ccpin.ReducedModel(meant), ccpin.ReducedModel(mechanism)
     generator, v = np.random.default_rng(5), np.ones(meant.n)
-    for pose in poses_along(meant, 6):
+    for pose in poses_along(meant, poses):
         here = model.at(model.coordinates.alpha(pose), near=pose)
         there = other.at(here.q, near=pose)
         assert np.abs(mechanism.constraints().residual(there.q_free)).max() <= 1e-12

@@ -110,6 +110,7 @@ def test_a_budget_ends_a_motion_after_a_change(budget):
     np.testing.assert_allclose(rest.q_free[-1], whole.q_free[-1], rtol=0, atol=1e-6)
 
 
+@same_on_both
 def test_a_run_that_has_ended_can_be_stepped_on():
     """`run`, then `step` with u held and `advance`, after the coordinates were changed: the motion of one run."""
     moving = simulator("five-bar")
@@ -197,6 +198,7 @@ def test_a_step_after_a_change_asks_no_more_often(name):
     assert asked[1] <= asked[0]
 
 
+@same_on_both
 @pytest.mark.parametrize("name", ["RSSR", pytest.param("Stewart", marks=in_core)])
 def test_memory_taken_after_a_change_is_gone_on_with_to_the_last_bit(name):
     """Another simulator takes up the same coordinates, the centres of their charts included."""

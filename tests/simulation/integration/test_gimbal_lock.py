@@ -45,6 +45,7 @@ def test_a_stewart_platform_from_rest_goes_on():
     assert f"a ball joint, as its axes meet with no mass between them: {' '.join(TRIPLE)}" in " ".join(run.notes)
 
 
+@same_on_both
 def test_the_triples_columns_are_its_angles():
     """Every link is where it is on balls, the columns are those before, go on smoothly and have their own rates."""
     model, run, other = stewart(), released(stewart(), sample_period=1e-3), released(stewart_on_balls())

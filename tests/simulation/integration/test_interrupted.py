@@ -31,7 +31,7 @@ def test_a_long_step_is_interrupted(rpdr_model, friction, held):
     """It returns where it has come to; the next call raises the interrupt, the one after that goes on from there."""
     simulator = Simulator(rpdr_model, lambda t, q, v: np.zeros(2), friction=friction)
     simulator.reset(START)
-    timer = press(0.3)
+    timer = press(0.1)
     reached = simulator.step([0.0, 0.0], 1e5) if held else simulator.advance(1e5)
     timer.join()
     assert 0.0 < reached.t < 1e5

@@ -64,12 +64,12 @@ def as_function(law, breaks):
     return control.TorqueFunction(lambda t, q, v: law.torque(t, Measurement(q), v), switching_times=breaks)
 
 
-def compare(name, seed, sampling=None):
+def compare(name, seed, sampling=None, duration=0.3):
     """At every sample the law gives what a function gives; so both motions are one. And how long each took."""
     nominal, plant = pair(seed)
     law = LAWS[name](nominal)
     breaks = sorted({law.next_switch(t) for t in (-1.0, 0.0, 0.1, 0.2)} - {np.inf})
-    options = {"duration": 0.3, "sample_period": 0.01, "sampling": sampling, **TIGHT}
+    options = {"duration": duration, "sample_period": 0.01, "sampling": sampling, **TIGHT}
     options |= {} if sampling is None else {"method": "RK45"}  # begins anew at every sample
     began = time.perf_counter()
     found = ccpin.simulate(plant, law, START, **options)
@@ -92,7 +92,7 @@ def compare(name, seed, sampling=None):
 def test_a_law_computes_with_its_own_model(name):
     """With full gravity and computed torque it was as if they knew the plant."""
     for seed in SEEDS:
-        compare(name, seed)
+        compare(name, seed, duration=0.15)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_a_law_computes_with_its_own_model(name):
 def test_so_it_does_as_a_sampled_loop(name, counts):
     """With and without encoders."""
     for seed in SEEDS:
-        compare(name, seed, Sampling(period=0.001, encoder_counts=counts, velocity_cutoff=200.0))
+        compare(name, seed, Sampling(period=0.001, encoder_counts=counts, velocity_cutoff=200.0), 0.15)
 
 
 @pytest.mark.slow

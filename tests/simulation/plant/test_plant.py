@@ -58,6 +58,7 @@ def test_the_default_stop_needs_no_numbers():
     assert -1.0 < motion.v[-1] < -0.5
 
 
+@same_on_both
 def test_energy_in_a_loop_with_stops():
     """The crank swings, its slider (a dependent joint) hits the stop again and again: energy stays to the tolerance."""
     bounds = {"slider": {"lower": 0.09, "upper": 0.15}}
@@ -102,6 +103,7 @@ def test_sampling_does_not_change_when_a_stop_is_met():
 # Contacts.
 
 
+@same_on_both
 def test_a_dropped_mass_comes_to_rest_at_its_weight():
     """k δ = m g in the end, and the contact carries the weight."""
     model = carriage("z", (0.0, 0.0, -9.81))
@@ -114,6 +116,7 @@ def test_a_dropped_mass_comes_to_rest_at_its_weight():
     assert motion.limits[-1, z] == pytest.approx(9.81, rel=1e-2)
 
 
+@same_on_both
 def test_a_sliding_mass_stops_by_friction():
     """Thrown at v₀ along the floor it loses μ g t, and stays after v₀²/(2 μ g) but for a creep of v_s."""
     model = carriage("xz", (0.0, 0.0, -9.81))
@@ -228,6 +231,7 @@ def test_a_motor_at_its_speed_pushes_no_further():
 # Motors.
 
 
+@same_on_both
 def test_a_dc_motor_runs_up():
     """5 (1 − v/20) N on 1 kg: v = 20 (1 − e^{−t/4})."""
     motors = MotorModel(speeds=(0.0, 20.0), efforts=(5.0, 0.0))

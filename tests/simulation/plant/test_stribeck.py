@@ -13,6 +13,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.simulation.plant.friction import joint_friction
 from ccpin.simulation.plant.stick_slip import friction_force
 from tests.support.agreement import reference_model
+from tests.support.backends import same_on_both
 from tests.support.carriage import carriage
 
 COULOMB, VISCOUS, BREAKAWAY, SPEED = 1.0, 0.05, 1.6, 0.05
@@ -49,6 +50,7 @@ def hunting(until):
     return np.array(found)
 
 
+@same_on_both
 def test_a_mass_on_a_drawn_spring_hunts():
     """Instants and places of rest are those of the motion put together mode by mode, and it is periodic."""
     wanted = hunting(LONG)
@@ -85,6 +87,7 @@ def test_it_rests_under_less_than_breakaway_and_slips_under_more(share):
     assert motion.a[:, 0] == pytest.approx(push - level - VISCOUS * motion.v[:, 0], abs=1e-9)
 
 
+@same_on_both
 def test_energy_lost_is_its_work(rpdr_model):
     """Of all four joints, through halts: f·q̇′ ≤ 0 at every sample, E(0) − E(t) = −∫ Σ f_j q̇′_j dt, f_j by its law."""
     motion = ccpin.simulate(rpdr_model, None, SWUNG, duration=3.0, friction=EVERY, rtol=1e-8, atol=1e-10)

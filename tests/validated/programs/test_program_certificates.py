@@ -15,6 +15,7 @@ from ccpin.programs.instructions import Kind
 from ccpin.programs.lanes import CompiledProgram
 from ccpin.programs.program_sources import assembled
 from ccpin.validated import certify_program
+from tests.support.long_cases import later
 from tests.support.programs import BITS, exact_sigma, exact_values, on_branch, states
 
 flint = pytest.importorskip("flint")
@@ -43,14 +44,15 @@ def compiled(program):
         pytest.skip("no C compiler")
 
 
+@pytest.mark.parametrize("count", later(10, 40))
 @pytest.mark.parametrize("name", KNOWN)
 @pytest.mark.parametrize("given", ["closed", "near"])
-def test_no_error_is_beyond_what_is_proved(certificates, name, given):
+def test_no_error_is_beyond_what_is_proved(certificates, name, given, count):
     """At random states the outputs in double, and in float, against exact ones at the exact σ(q), or at the y given."""
     certificate = certificates[name, given]
     assert certificate.verdict == "proven", certificate.reason
     program, rng = certificate.program, np.random.default_rng(3)
-    q, rest = (each.astype(np.float32).astype(float) for each in states(rng, certificate, 40))
+    q, rest = (each.astype(np.float32).astype(float) for each in states(rng, certificate, count))
     y = on_branch(certificate, q)
     y = (y + 0.9 * rng.uniform(-1, 1, y.shape) * certificate.start).astype(np.float32).astype(float)
     ends = np.cumsum([port.size for port in program.inputs[2:]])[:-1]

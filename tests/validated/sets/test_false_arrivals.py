@@ -19,6 +19,7 @@ from ccpin.validated.sets import arrival, move
 from ccpin.validated.sets.arrival_claim import Arrived
 from tests.oracles import rpdr as oracle
 from tests.support.enclosures import FREE, accurately, paper_law
+from tests.support.long_cases import later
 from tests.support.paper import GOAL, K_P, K_V
 
 QUICK = {"order": 12, "tolerance": 1e-12, "pieces": 4, "precision": 64, "cells": 1, "parts": 1}
@@ -98,8 +99,8 @@ def connected(monkeypatch, change):
 
 
 LIES = {
-    "no line": lambda found: found._replace(line=()),
     "a line that ends early": lambda found: found._replace(line=found.line[:-1]),
+    "no line": lambda found: found._replace(line=()),
     "a line that begins late": lambda found: found._replace(line=found.line[1:]),
     "a line in another order": lambda found: found._replace(line=found.line[::-1]),
     "claims of a line": lambda found: found._replace(line=tuple(step.claim for step in found.line)),
@@ -108,7 +109,7 @@ LIES = {
 }
 
 
-@pytest.mark.parametrize("name", LIES)
+@pytest.mark.parametrize("name", later(*LIES))
 def test_lines_that_do_not_lead_to_the_set_point(monkeypatch, certified, name):
     monkeypatch.setattr(arrival, "_SHORTEST", 2.0**-20)
     short = arrival.march

@@ -76,12 +76,13 @@ def short(rpdr_model):
     return enclose_set(rpdr_model, paper_law(rpdr_model), START, None, 0.02, spread=(2e-3, 0.01), cells=2, **QUICK)
 
 
-def test_motions_by_closed_forms_stay_in_the_tube(short):
+@pytest.mark.parametrize("starts", later(4, 12))
+def test_motions_by_closed_forms_stay_in_the_tube(short, starts):
     """Corners and random starts, integrated from the printed forms; the tube is not much wider than they need."""
     assert short.verdict == "proven"
     (tube,) = short.tubes
     largest = 0.0
-    for offset in corners_and_more(np.random.default_rng(0), tube.starts.spread, 12):
+    for offset in corners_and_more(np.random.default_rng(0), tube.starts.spread, starts):
         motion = by_closed_forms(START + offset[:2], offset[2:], 0.02)
         for t, state in zip(motion.t, motion.y.T, strict=True):
             assert short.contains(t, state[:2], state[2:], 1e-6)

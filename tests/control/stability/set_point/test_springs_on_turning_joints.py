@@ -12,6 +12,7 @@ from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.covering.claims import proved_boxes
 from ccpin.domain import certify
 from ccpin.errors import UnattainableGainsError
+from tests.support.long_cases import later
 from tests.support.paper import GOAL, K_P, K_V
 
 TURN = 2.0 * np.pi
@@ -52,7 +53,7 @@ def _least_on_the_edge(law):
     return min(_well(law, GOAL + place) for place in edge)
 
 
-@pytest.mark.parametrize("turns", [-1, 0, 1, 2])
+@pytest.mark.parametrize("turns", [-1, *later(2, 0, 1)])
 def test_an_atlas_wound_otherwise_proves_the_laws_level(model, law, turns):
     """The level is below the least U on the atlas's edge, U with the springs as the law's configuration stretches."""
     certificate = certify_law(law, _atlas(model, law, turns), max_depth=10, budget=600)

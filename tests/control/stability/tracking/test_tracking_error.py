@@ -170,15 +170,16 @@ def test_waypoints(degree):
     assert_within(proof, law, motion)
 
 
+@pytest.mark.parametrize("states", later(2, 5))
 @every_law
-def test_the_storage_function_falls_as_it_should(law_class):
+def test_the_storage_function_falls_as_it_should(law_class, states):
     """V̇ = −xᵀWx − xᵀSΔ along the closed loop, by differences of V, with D and C of States and the law's own Δ."""
     law = law_for(law_class)
     proof = certificate(law_class, 1e-3)
     plan = _plan(law)
     rng, t = np.random.default_rng(4), 0.13
     wanted, offset = law.reference.at(t), np.array([0.0, 3e-3, 0.0, -2e-3])
-    for _ in range(5):
+    for _ in range(states):
         q, v = wanted.q - 1e-2 * rng.normal(size=2), wanted.v - 0.2 * rng.normal(size=2)
         state = law.state(q)
 
