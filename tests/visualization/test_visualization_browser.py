@@ -214,6 +214,7 @@ def test_time_is_the_users(rpdr, run, tmp_path):
         assert page.evaluate(f"({MOVED})(player.time)")
         press(page, " ")
         press(page, "Home")
+        settle(page)
         assert page.evaluate("[player.playing, player.time]") == [False, 0]
         assert page.evaluate("time.textContent") == "0.00 s"
         drawn = []
@@ -223,6 +224,7 @@ def test_time_is_the_users(rpdr, run, tmp_path):
             page.evaluate("viewer.render()")
             drawn.append(page.evaluate("made.trace.geometry.drawRange.count"))
             press(page, "ArrowRight")
+            settle(page)
         assert drawn[0] == 0
         assert all(np.diff(drawn) > 0)
         assert drawn[-1] == page.evaluate("made.trace.geometry.index.count")
