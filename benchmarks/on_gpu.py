@@ -28,7 +28,6 @@ QUANTITIES = {"accelerations": ("forward_dynamics", "closed"), "with_sigma": ("f
 DRAWN, ROWS, ROUNDS = 4096, 2**20, 5  # states drawn; rows on the GPU, of these again and again
 ENVIRONMENTS, STEPS, STEP = (4096, 65536, 2**20), 100, 1e-3
 FORMATS = ("double", "float")
-SPREAD = 0.05  # rad or m about the reference
 LONGEST = 45.0  # seconds that another's compiler may take
 
 

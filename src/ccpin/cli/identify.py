@@ -18,7 +18,7 @@ from ccpin.description.names import choices
 from ccpin.dynamics.changed_constants import with_constants
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
-from ccpin.files import writable_target, write_atomically
+from ccpin.files import write_text
 from ccpin.identification.estimates.consistency import consistent
 from ccpin.identification.estimates.estimate import Estimate
 from ccpin.identification.estimates.estimation import identify
@@ -38,7 +38,7 @@ example: ccpin identify rpdr --logs run1.csv run2.csv --out learnt.urdf --report
 
 _SIZES = ("found", "stated", "measured", "coulomb")
 _LATE = 4.0  # standard deviations of a delay that are told
-_CHAINED = 0.2  # of an autocorrelation that is told: smoothed motions bring about less than 0.05
+_CHAINED = 0.2  # of an autocorrelation that is told: smoothed motions bring about some hundredths, seldom a tenth
 
 
 def add_identify(commands: Any) -> None:
@@ -101,7 +101,7 @@ def _identify(options: argparse.Namespace) -> int:
             before = told_of_motion(model, model.parameters.plus(added), motion)
             told.append((log.source, before, told_of_motion(estimate.model, chosen.plus(added), motion)))
         page = estimate_page(estimate, chosen, told)
-        write_atomically(writable_target(options.report), "w", lambda file: file.write(page))
+        write_text(options.report, page)
         written.append(str(options.report))
     if options.json:
         print(json.dumps(_told(estimate) | {"written": written}, indent=2))

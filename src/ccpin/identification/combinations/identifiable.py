@@ -96,9 +96,7 @@ def _bounds(
     with flint().ctx.workprec(bits):
         equations, own = recorded_motions(model, forces, base)
         shown = prove(VanishingCombinations(equations, _apart(equations)))
-        combinations = shown.found["combinations"][0]
-        hidden = [int(np.flatnonzero(row)[-1]) for row in combinations]
-        columns = np.setdiff1d(np.arange(equations.sizes["P"]), hidden)
+        columns = BaseParameters(model.parameters, (shown,), FrozenMapping()).base
         count = states or _enough(len(columns), equations)
         while True:
             closed = _closed_states(model, equations, own, count, bits)

@@ -23,8 +23,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import oaconvolve
 
-from ccpin.arrays import Array, Indices
-from ccpin.identification.estimates.effort_samples import EffortSamples
+from ccpin.arrays import Array
+from ccpin.identification.estimates.effort_samples import EffortSamples, by_log
 from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit
 
 _WHITE, _MOST = 0.1, 0.99  # autocorrelations
@@ -52,24 +52,22 @@ def coloured_covariance(samples: Sequence[EffortSamples], rows: EffortRows, fit:
     lags = int(1.1447 * (4.0 * a**2 * fit.counted.sum() / (1.0 - a**2) ** 2) ** (1.0 / 3.0))
     weights = fit.counted[:, None] / fit.deviation
     left, W, count = rows.left(fit.beta) * weights, rows.W * weights[..., None], fit.counted[:, None].astype(np.float64)
-    ends = np.cumsum([len(each.chosen) for each in samples])[:-1]
-    logs = [
-        [_on_grid(each.chosen, part, lags) for part in parts]
-        for each, *parts in zip(samples, *(np.split(each, ends) for each in (left, W, count)), strict=True)
-    ]
-    R, pairs = (sum(_products(log[k], lags) for log in logs) for k in (0, 2))
+    e, X_of, counts = (_on_grids(samples, part, lags) for part in (left, W, count))
+    R, pairs = (sum(_products(each, lags) for each in part) for part in (e, counts))
     R = R / np.maximum(pairs, 1.0) * (1.0 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1.0))[:, None, None]
     S = rows.P.T @ rows.P
-    for _, X, _ in logs:
+    for X in X_of:
         felt = sum(oaconvolve(X[:, None, j], R[::-1, :, j, None], axes=0) for j in range(X.shape[1]))
         S = S + np.einsum("sir,siq->rq", X, felt[lags : lags + len(X)])
     return np.asarray(fit.covariance @ ((S + S.T) / 2.0) @ fit.covariance)
 
 
-def _on_grid(places: Indices, values: Array, lags: int) -> Array:
-    """A log's samples at their places among its times, with zeros between them and after the last."""
-    found = np.zeros((int(places.max(initial=0)) + 1 + 2 * lags, *values.shape[1:]))
-    found[places] = values
+def _on_grids(samples: Sequence[EffortSamples], values: Array, lags: int) -> list[Array]:
+    """Each log's samples at their places among its times, with zeros between them and after the last."""
+    found = list[Array]()
+    for each, own in zip(samples, by_log(samples, values), strict=True):
+        found.append(np.zeros((int(each.chosen.max(initial=0)) + 1 + 2 * lags, *values.shape[1:])))
+        found[-1][each.chosen] = own
     return found
 
 

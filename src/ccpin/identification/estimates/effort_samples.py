@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ccpin.arrays import Array, Indices, Mask
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -62,6 +63,11 @@ def samples_of(
     stretch = np.cumsum(np.r_[0, (ways[1:] != ways[:-1]).any(axis=1) | gaps])[: len(chosen)]
     left, force = int(len(rows) - len(chosen)), motion.forces(model, chosen)
     return EffortSamples(motion, chosen, left, stretch, rates[turning], Y, force, added or {})
+
+
+def by_log(samples: Sequence[EffortSamples], values: NDArray[Any]) -> list[NDArray[Any]]:
+    """What all samples have, one log's after the other's, log by log."""
+    return np.split(values, np.cumsum([len(each.chosen) for each in samples])[:-1])
 
 
 def autocorrelation(samples: Sequence[EffortSamples], left: Array, counted: Mask) -> Array:

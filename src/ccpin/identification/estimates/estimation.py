@@ -33,6 +33,7 @@ from ccpin.identification.estimates.coloured_noise import with_coloured_noise
 from ccpin.identification.estimates.effort_samples import (
     EffortSamples,
     autocorrelation,
+    by_log,
     effort_outliers,
     samples_of,
 )
@@ -246,7 +247,7 @@ def _rows(model: ReducedModel, samples: Sequence[EffortSamples], found: Effects,
 def _further(samples: Sequence[EffortSamples], rows: EffortRows, fit: RobustFit) -> tuple[Array, Array]:
     """By how much the efforts of each log are later than was thought, with standard deviations."""
     left = rows.left(fit.beta[: rows.W.shape[2]])
-    parts = np.split(left, np.cumsum([len(each.chosen) for each in samples])[:-1])
+    parts = by_log(samples, left)
     told = [slopes(s.t, s.stretch, s.force - missed) for s, missed in zip(samples, parts, strict=True)]
     return further_delays(fit, left, told, [slopes(s.t, s.stretch, s.force) for s in samples])
 
@@ -273,7 +274,7 @@ def _estimate(
     measured = np.concatenate([each.force for each in samples])
     missed = measured - np.concatenate([each.Y @ everything.plus(each.added).values for each in samples])
     own = fit.counted
-    counted = np.split(own, np.cumsum([len(each.chosen) for each in samples])[:-1])
+    counted = by_log(samples, own)
     parts = parts_of([each.t[c] for each, c in zip(samples, counted, strict=True)], [each.log for each in late])
     unseen = cross_validated(rows.of(own), fit.deviation, best.stated, missed[own], measured[own], parts)
     if plain is not best:

@@ -20,7 +20,7 @@ from scipy.interpolate import make_interp_spline
 from ccpin.arrays import Array
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.identification.estimates.effort_samples import EffortSamples
+from ccpin.identification.estimates.effort_samples import EffortSamples, by_log
 from ccpin.identification.estimates.motor_constants import as_logged
 from ccpin.identification.estimates.robust_fit import EffortRows, RobustFit
 from ccpin.identification.estimates.shooting import force_slopes
@@ -38,8 +38,8 @@ def with_motion_errors(
 ) -> Array:
     """Cov β̂, of shape (r, r), of a fit of all samples, L of constants π; with motors' k it is M L, L of efforts k u."""
     scores = np.where(fit.counted[:, None, None], rows.W / (fit.deviation**2)[:, None], 0.0)
-    S, ends = np.zeros_like(fit.covariance), np.cumsum([len(each.chosen) for each in samples])[:-1]
-    for each, X in zip(samples, np.split(scores, ends), strict=True):
+    S = np.zeros_like(fit.covariance)
+    for each, X in zip(samples, by_log(samples, scores), strict=True):
         if not len(each.chosen):
             continue
         pi = np.array(constants.plus(each.added).values)

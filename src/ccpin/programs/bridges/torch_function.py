@@ -75,6 +75,7 @@ def _kind(tensors: list[Any]) -> Any:
 
 
 _FORMATS: dict[Any, Format] = {torch.float64: "double", torch.float32: "float"}
+_CUPY = find_spec("cupy") is not None
 
 
 def _runner(program: Program) -> Callable[[Any], list[Any]]:
@@ -92,7 +93,7 @@ def _runner(program: Program) -> Callable[[Any], list[Any]]:
         device, kind = tensors[0].device, tensors[0].dtype
         if device.type == "cpu":
             return [torch.from_numpy(found) for found in rows(*(tensor.detach().numpy() for tensor in tensors))]
-        if device.type == "cuda" and kind in _FORMATS and find_spec("cupy") is not None:
+        if device.type == "cuda" and kind in _FORMATS and _CUPY:
             return _launched(on_gpu(device.index, _FORMATS[kind]), tensors)
         return written_out(program, tensors)
 
