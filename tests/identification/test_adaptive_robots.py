@@ -43,10 +43,11 @@ class Robot:
     def shares(self, duration, adverse=False):
         """The largest |e|, |s| and |u| of all samples over their bounds, and ∫ sᵀKs over its own."""
         law, known, worst, drained = self.law, self.known, np.zeros(3), 0.0
+        times, errors, sliding, efforts = known.times, known.errors, known.sliding, known.efforts
         for t, q, v, u in zip(*(self.pushed if adverse else self.learning)(duration), strict=True):
             e, s = law.error(t, q), law.sliding(t, q, v)
-            cell = np.searchsorted(known.times, t, side="right") - 1
-            shares = e / known.errors[cell], s / known.sliding[cell], u / known.efforts
+            cell = np.searchsorted(times, t, side="right") - 1
+            shares = e / errors[cell], s / sliding[cell], u / efforts
             worst = np.maximum(worst, [np.abs(share).max() for share in shares])
             drained += law.period * s @ law.K @ s
         return worst, drained / (known.mean_square(duration) @ np.diag(law.K) / 2 * duration)
