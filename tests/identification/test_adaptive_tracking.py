@@ -157,6 +157,19 @@ def test_a_run_is_nobody_else_s(rpdr, plant):
     np.testing.assert_array_equal(rpdr.initial, np.ones(4))
 
 
+def test_what_a_run_remembers_is_written_by_nobody_and_begins_anew(rpdr, plant):
+    """Neither the estimate nor the effort; given as a law to two motions it starts both from the law's first."""
+    run, v = rpdr.begin(), np.array([0.1, -0.1])
+    effort = run.torque(0.0, rpdr.near, v)
+    for told in (run.estimate, effort):
+        with pytest.raises(ValueError, match="read-only"):
+            told[:] = 1.0
+    assert run.torque(0.0, rpdr.near, v) is effort
+    options = {"duration": 0.005, "rtol": 1e-6, "atol": 1e-8}
+    motions = [ccpin.simulate(plant, law, rpdr.near.q, **options) for law in (rpdr, run, run)]
+    assert len({motion.u.tobytes() for motion in motions}) == 1
+
+
 def test_a_sweep_of_it_depends_on_no_order(rpdr, plant):
     """Each case begins with the first estimate."""
 

@@ -57,10 +57,8 @@ class AdaptiveCertificate(TubeCertificate):
     @property
     def _known(self) -> Fact | None:
         """The fact, if it is one about the law."""
-        if not is_fact(self.proved, AdaptiveTube):
-            return None
-        own = equations_of(self.law, self._tube.path.reading, self._tube.equations.reference)
-        return self.proved if own.digest == self.proved.digest else None
+        own = is_fact(self.proved, AdaptiveTube) and self._is_of_law(equations_of)
+        return self.proved if own else None
 
     @property
     def _beyond(self) -> str:

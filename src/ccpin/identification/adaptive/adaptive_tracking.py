@@ -266,8 +266,13 @@ class Adapting(ControlLaw):
                 return self._last[1]
             raise InvalidInputError(f"a sample at t = {t:.9g} s followed one at t = {self._last[0]:.9g} s")
         step = self.law.step(t, state, v, self.estimate)
-        self.estimate, self._last = step.estimate, (t, step.effort)
-        return step.effort
+        effort = frozen(step.effort)
+        self.estimate, self._last = frozen(step.estimate), (t, effort)
+        return effort
+
+    def begin(self) -> Adapting:
+        """Another run, with the law's first estimate."""
+        return self.law.begin()
 
     def next_switch(self, t: float) -> float | None:
         """The law's."""
