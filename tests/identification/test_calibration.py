@@ -298,6 +298,21 @@ def test_sensors_that_are_none():
             make()
 
 
+def test_a_pose_that_was_misread_is_named(robots):
+    """By the result where its residual is twenty deviations, by the refusal where it is two hundred."""
+    robot, rng = robots["rpdr"], np.random.default_rng(0)
+    encoders, (tracker, points) = robot.measured(robot.built(rng, ARMS), drawn(robot, 20), rng)
+    points[7, 0] += 1e-3
+    found = calibrate(robot.stated, [encoders, (tracker, points)], parameters=ARMS)
+    assert found.off.shape == (20,)
+    assert np.argmax(found.off) == 7
+    assert found.off[7] > 5.0 > np.delete(found.off, 7).max()
+    assert str(found).endswith(f"of the noise stated, most at pose 7 ({found.off[7]:.1f})")
+    points[7, 0] += 1e-2
+    with pytest.raises(ConvergenceError, match="largest residual is that of pose 7"):
+        calibrate(robot.stated, [encoders, (tracker, points)], parameters=ARMS)
+
+
 def test_measurements_of_something_else(robots):
     """Degrees, another robot's points; rows that are redundant."""
     robot, rng = robots["rpdr"], np.random.default_rng(0)
