@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control import PointToPoint
+from ccpin.control import PointToPoint, Reference
 from ccpin.control.stability.tracking.reference_tube import cut_along
 from ccpin.control.stability.tracking.tracking_equations import ReferencePieces
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
@@ -281,8 +281,26 @@ def test_a_fact_about_another_law_says_nothing_of_this(certificate):
     assert loaded.replay().verdict == "proven"
 
 
+def test_gears_change_efforts_alone(certificate):
+    """The same tube; what a motor is asked for is the joint's effort over its gear."""
+    own = law_of().model.mechanism.description
+    motors = tuple(replace(motor, gear=gear) for motor, gear in zip(own.motors, (50.0, -20.0), strict=True))
+    geared = law_of(ccpin.load(replace(own, motors=motors)))
+    found = certify_adaptive(geared, initial_error=1e-4, initial_sliding=1e-3, cells=CELLS)
+    assert found.verdict == "proven", found.reason
+    np.testing.assert_allclose(found.errors, certificate.errors, rtol=1e-9)
+    np.testing.assert_allclose(found.efforts, certificate.efforts / [50.0, 20.0], rtol=1e-9)
+
+
+class Formless(Reference):
+    """One whose polynomials nobody knows."""
+
+    def at(self, t):
+        return None
+
+
 def test_a_law_that_was_changed_is_another(certificate):
-    """A certificate remembers no verdict: gains, or a period, that somebody writes into its law are looked at."""
+    """A certificate remembers no verdict: what somebody writes into its law, or has it follow, is looked at."""
     law = law_of()
     mine = replace(certificate, law=law)
     for name, other in (("K", 2.0 * law.K), ("period", 2.0 * law.period)):
@@ -292,6 +310,13 @@ def test_a_law_that_was_changed_is_another(certificate):
         assert mine.verdict == "undecided"
         assert np.isinf(mine.error).all()
         setattr(law, name, own)
+    own, goal = law.reference, law.reference.at(9.0).q
+    for other in (PointToPoint(law.model, own.at(0.0).q, goal + 0.1, 0.25), Formless()):
+        law.reference = other
+        assert mine.verdict == "undecided"
+        assert np.isinf(mine.error).all()
+    law.reference = own
+    assert mine.verdict == "proven"
     assert replace(certificate, proved=None).replay().verdict == "undecided"
 
 

@@ -265,6 +265,14 @@ TRACKER = Sensor.tracker("link3")
         ([(ENCODERS, np.zeros((5, 2))), (Sensor.tracker("table"), np.zeros((5, 3)))], {}, "'table' is no link"),
         ([(Sensor.encoders(["joint1", "joint2", "elbow"]), np.zeros((5, 3)))], {}, "'elbow' is no joint"),
         ([(Sensor.tracker("link3", turn_noise=1e-3), np.zeros((5, 3))), (ENCODERS, np.zeros((5, 2)))], {}, "4, 4"),
+        *(
+            (
+                [(Sensor.tracker("link3", turn_noise=1e-3), [np.eye(4), np.diag(axes)]), (ENCODERS, np.zeros((2, 2)))],
+                {},
+                "block of pose 1 is no rotation",
+            )
+            for axes in ((1.0, 1.0, -1.0, 1.0), (2.0, 2.0, 2.0, 1.0), (0.0, 0.0, 0.0, 1.0))
+        ),
         (["rpdr"], {}, "a Sensor"),
         (None, {"parameters": ["rods"]}, "no 'rods'"),
         (None, {"known": ["rods"]}, "no 'rods'"),
@@ -296,6 +304,21 @@ def test_sensors_that_are_none():
     ):
         with pytest.raises(InvalidInputError, match=word):
             make()
+
+
+def test_a_pose_that_was_misread_is_named(robots):
+    """By the result where its residual is twenty deviations, by the refusal where it is two hundred."""
+    robot, rng = robots["rpdr"], np.random.default_rng(0)
+    encoders, (tracker, points) = robot.measured(robot.built(rng, ARMS), drawn(robot, 20), rng)
+    points[7, 0] += 1e-3
+    found = calibrate(robot.stated, [encoders, (tracker, points)], parameters=ARMS)
+    assert found.off.shape == (20,)
+    assert np.argmax(found.off) == 7
+    assert found.off[7] > 5.0 > np.delete(found.off, 7).max()
+    assert str(found).endswith(f"of the noise stated, most at pose 7 ({found.off[7]:.1f})")
+    points[7, 0] += 1e-2
+    with pytest.raises(ConvergenceError, match="largest residual is that of pose 7"):
+        calibrate(robot.stated, [encoders, (tracker, points)], parameters=ARMS)
 
 
 def test_measurements_of_something_else(robots):

@@ -53,6 +53,10 @@ def test_values_are_the_multiples_of_the_constants_they_come_with(bench):
     assert np.allclose(found.multiples @ found.parameters.values, found.values, rtol=1e-9, atol=1e-12)
     assert len(found.combinations) == len(found.values) == np.linalg.matrix_rank(found.multiples)
     assert len(found.table().splitlines()) == len(found.values)
+    unit = dict(zip(found.parameters.names, found.parameters.units, strict=True))
+    for name, told, line in zip(found.combinations, found.units, found.table().splitlines(), strict=True):
+        assert told == unit[name.split()[0]]
+        assert line.endswith(f"{name}   [{told}]")
 
 
 def test_a_combination_says_what_it_cannot_be_told_from(bench):
@@ -113,10 +117,10 @@ def test_constants_are_written_into_a_description_and_read_again(bench, tmp_path
     path = tmp_path / "learnt.urdf"
     write_description(with_constants(bench.model, changed), path)
     assert np.allclose(ccpin.ReducedModel(ccpin.load(path)).parameters.values, values, rtol=1e-9, atol=1e-12)
-    impossible = np.array(values)
-    impossible[0] = -1.0
-    with pytest.raises(InvalidInputError, match="mass"):
-        with_constants(bench.model, type(parameters)(parameters.names, parameters.kinds, parameters.units, impossible))
+    for name in ("mass:link1", "armature:joint1", "damping:joint2", "friction:joint3", "stiffness:joint4"):
+        kind, _, where = name.partition(":")
+        with pytest.raises(InvalidInputError, match=f"'{where}' would have a {kind}|'{name}' would be -"):
+            with_constants(bench.model, changed.plus({name: -1.0}))
 
 
 def test_what_nothing_can_be_learnt_from_is_told(bench):
@@ -125,6 +129,7 @@ def test_what_nothing_can_be_learnt_from_is_told(bench):
         ([], "no log"),
         (Log(log.t, {name: column for name, column in log.columns.items() if name != "u_joint2"}), "u_joint2"),
         (log.between(0.0, 0.08), "too few"),
+        (Log(log.t, {name: column * (name[0] == "q") for name, column in log.columns.items()}), "all efforts are 0"),
         ([log, bench.log(1), Log(log.t, dict(log.columns), "copy")], r"logs\[0\] and logs\[2\] are one"),
     ):
         with pytest.raises(InvalidInputError, match=told):

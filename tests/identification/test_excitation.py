@@ -71,6 +71,16 @@ def test_it_is_saved_as_a_table(found, tmp_path):
     assert np.array_equal(found.reference.at(rows["t"][17]).q, [rows["q_joint1"][17], rows["q_joint2"][17]])
 
 
+@pytest.mark.parametrize("period", [0.1, 0.03])
+def test_a_table_ends_at_rest(model, box, tmp_path, period):
+    """Where periods, as doubles, do not fill the duration the last row is after its end."""
+    short = excitation(model, 0.7, **box, starts=1, iterations=0)
+    short.save(tmp_path / "motion.csv", period)
+    t, *rows = np.loadtxt(tmp_path / "motion.csv", delimiter=",", skiprows=1).T
+    assert 0.7 - 1e-12 < t[-1] < 0.7 + period - 1e-12
+    assert np.allclose([row[-1] for row in rows], [*short.reference.at(0.0).q, 0.0, 0.0, 0.0, 0.0], atol=1e-12)
+
+
 def test_limits_that_leave_no_motion_are_told(model, box):
     for wrong in (
         {"upper": box["lower"]},
@@ -81,4 +91,7 @@ def test_limits_that_leave_no_motion_are_told(model, box):
         {"kinds": ("colour",)},
     ):
         with pytest.raises(InvalidInputError):
+            excitation(model, DURATION, **(box | wrong), starts=2, iterations=0)
+    for wrong in ({"speed": 1e-9}, {"start": box["upper"]}):
+        with pytest.raises(InvalidInputError, match="a longer duration, more speed or effort, or a start farther from"):
             excitation(model, DURATION, **(box | wrong), starts=2, iterations=0)

@@ -35,7 +35,7 @@ def test_the_command_tells_what_was_not_seen_clocks_and_outliers(bench, tmp_path
     assert len(told["held_out"]) == 5
     assert all(np.less(each["found"], each["stated"]).all() for each in told["held_out"])
     text = page.read_text(encoding="utf-8")
-    for words in ("What was not seen", "Clocks", "95 % of white noise", "u_joint2", "run.csv"):
+    for words in ("Held-out samples", "Clocks", "95 % of white noise", "u_joint2", "run.csv"):
         assert words in text
 
 
@@ -46,6 +46,22 @@ def test_a_prior_that_says_nothing_is_told(bench, tmp_path, capsys):
     assert "neither a number nor a share" in capsys.readouterr().err
     assert main(["identify", "rpdr", "--logs", str(path), "--noise", "q_joint1=abc"]) == 1
     assert "the noise of 'q_joint1' = 'abc' must be a positive number" in capsys.readouterr().err
+
+
+def test_the_example_of_columns_names_all_that_count(bench, tmp_path, capsys):
+    """A file with other names, positions in degrees and currents, read as the help says."""
+    with pytest.raises(SystemExit):
+        main(["identify", "--help"])
+    (line,) = [each.split() for each in capsys.readouterr().out.splitlines() if " --columns q_" in each]
+    named = dict(each.split("=") for each in line if each[:2] in ("q_", "u_"))
+    log = bench.log(0)
+    scale = {"q": np.degrees(1.0), "u": 1.0 / 0.35}
+    table = np.column_stack([log.t, *(log.columns[name] * scale[name[0]] for name in named)])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header=",".join(["t", *named.values()]), comments="")
+    read = Log.read(tmp_path / "run.csv", columns=named, units={"q": "deg", "u": 0.35})
+    assert all(np.allclose(read.columns[name], log.columns[name], rtol=1e-12) for name in named)
+    assert {f"u_{name}" for name in bench.model.mechanism.actuated} <= set(named)
+    assert {f"q_{name}" for name in bench.model.mechanism.independent} <= set(named)
 
 
 def test_what_is_no_table_is_told_before_motions_are_tried(tmp_path, monkeypatch, capsys):

@@ -31,14 +31,14 @@ _EXAMPLES = """\
 example: ccpin identify rpdr --logs run1.csv run2.csv --out learnt.urdf --report learnt.html
          ccpin identify rpdr --logs run.mcap --kinds inertia friction
          ccpin identify rpdr --logs run.csv --stribeck --report learnt.html
-         ccpin identify rpdr --logs run.csv --columns q_joint1=left u_joint1=amps --units q=deg u=0.35
+         ccpin identify rpdr --logs a.csv --columns q_joint1=q1 q_joint2=q2 u_joint1=i1 u_joint2=i2 --units q=deg u=0.35
          ccpin identify rpdr --logs run.csv --motors 10% --prior inertia=5%
          ccpin identify rpdr --logs run.csv loaded.csv --motors --added loaded.csv mass:link3=0.5 mx:link3=0.1"""
 
 
 _SIZES = ("found", "stated", "measured", "coulomb")
 _LATE = 4.0  # standard deviations of a delay that are told
-_CHAINED = 0.2  # of an autocorrelation that is told: smoothed motions bring about some hundredths, seldom a tenth
+_CHAINED = 0.2  # of an autocorrelation that is told: noise of encoders brings about less where that of efforts shows
 
 
 def add_identify(commands: Any) -> None:
@@ -47,7 +47,7 @@ def add_identify(commands: Any) -> None:
     add_mechanism(parser)
     files = ".csv, .parquet, .npz, .mat, .mcap, .db3, .bag or rosbag2 folders"
     complete(parser.add_argument("--logs", nargs="+", type=Path, required=True, metavar="LOG", help=files), shtab.FILE)
-    ours = "which of a file's columns q_JOINT, v_JOINT, u_JOINT are"
+    ours = "which of a file's columns q_JOINT, v_JOINT, u_JOINT are; others are then left out"
     parser.add_argument("--columns", nargs="+", metavar="OURS=THEIRS", help=ours)
     units = "in which unit columns, or all of q, v, u, are: deg, rev, mm, rpm, deg/s, N mm …, or a factor"
     parser.add_argument("--units", nargs="+", metavar="NAME=UNIT", default=(), help=units)
@@ -120,11 +120,12 @@ def _identify(options: argparse.Namespace) -> int:
     for name, chained in zip(model.coordinates.names, estimate.autocorrelation, strict=True):
         if chained > _CHAINED:
             print(
-                f"what is left of the efforts at {name} hangs together from sample to sample (autocorrelation "
-                f"{chained:.2g}), which deviations count: noise, or a file's lengths, encoders or friction are wrong"
+                f"residuals at {name} are correlated from sample to sample (autocorrelation {chained:.2g}), which "
+                "deviations count: noise of efforts is coloured, or small beside that of encoders, or the file's "
+                "lengths, encoders' zeros or friction are wrong"
             )
     if estimate.outliers:
-        print(f"{len(estimate.outliers)} samples were left out, at which efforts are grossly off (--report names them)")
+        print(f"left out, as efforts are grossly off: {len(estimate.outliers)} of the samples (--report names them)")
     print("".join(f"wrote {path}\n" for path in written), end="")
     if options.out:
         print("".join(f"not in the file: {note}\n" for note in notes), end="")
@@ -133,9 +134,10 @@ def _identify(options: argparse.Namespace) -> int:
 
 def _told(estimate: Estimate) -> dict[str, Any]:
     """As JSON has it."""
-    rows = zip(estimate.combinations, estimate.values, estimate.deviations, estimate.stated, strict=True)
-    fields = ("combination", "value", "deviation", "stated")
-    found = [dict(zip(fields, (name, *map(float, rest)), strict=True)) for name, *rest in rows]
+    numbers = zip(estimate.values.tolist(), estimate.deviations.tolist(), estimate.stated.tolist(), strict=True)
+    fields = ("combination", "unit", "value", "deviation", "stated")
+    rows = zip(estimate.combinations, estimate.units, numbers, strict=True)
+    found = [dict(zip(fields, (name, unit, *rest), strict=True)) for name, unit, rest in rows]
     samples = dict(zip(("counted", "left_out"), estimate.samples, strict=True))
     unseen = [
         {"where": each.where, "samples": each.samples}

@@ -127,7 +127,7 @@ class AdaptiveTracking(ModelLaw):
 
     def step(self, t: float, state: State | Measurement, v: Array, estimate: ArrayLike) -> AdaptiveStep:
         """One sample: u of an estimate π̂, of shape (k,), and the next estimate."""
-        own, wanted = self.own(state), self.reference.at(t)
+        own, wanted, v = self.own(state), self.reference.at(t), vector(v, "v", self.model.n)
         e, s = self.error(t, own.q), self.sliding(t, own.q, v)
         Y = own.regressor(v, wanted.a - self.slope @ (v - wanted.v), wanted.v - self.slope @ e)
         current, learnt = vector(estimate, "estimate", len(self.adapted)), Y @ self.basis
@@ -266,8 +266,13 @@ class Adapting(ControlLaw):
                 return self._last[1]
             raise InvalidInputError(f"a sample at t = {t:.9g} s followed one at t = {self._last[0]:.9g} s")
         step = self.law.step(t, state, v, self.estimate)
-        self.estimate, self._last = step.estimate, (t, step.effort)
-        return step.effort
+        effort = frozen(step.effort)
+        self.estimate, self._last = frozen(step.estimate), (t, effort)
+        return effort
+
+    def begin(self) -> Adapting:
+        """Another run, with the law's first estimate."""
+        return self.law.begin()
 
     def next_switch(self, t: float) -> float | None:
         """The law's."""

@@ -41,7 +41,6 @@ _FAR = 0.25  # of the extent, or rad: a file whose numbers are farther off is of
 _UNFIT = 10.0  # of the noise stated: larger residuals are no noise
 _MOST_STEPS = 50
 _MOST_HALVINGS = 12
-_OTHER = "is what was measured of this mechanism and branch, in the same order, units and signs?"
 
 
 class PoseEstimate(NamedTuple):
@@ -212,7 +211,7 @@ class GeometryFit:
             except ConvergenceError as error:
                 blocked = f" ({error})"
             part *= 0.5
-        raise ConvergenceError(f"no step from the geometry reached makes residuals smaller{blocked}; {_OTHER}")
+        raise ConvergenceError(f"no step from the geometry reached makes residuals smaller{blocked}; {_doubts(here)}")
 
     def _watching(self, sensors: Sequence[SensorKind]) -> Callable[[OpenGeometry], list[Expression]]:
         def watch(recorded: OpenGeometry) -> list[Expression]:
@@ -252,7 +251,7 @@ def settled(fit: GeometryFit) -> SettledFit:
         if np.hypot(np.linalg.norm(along), np.linalg.norm(toward)) <= _SETTLED * np.sqrt(fit.said.sum()):
             return SettledFit(here, rank, steps)
         here = fit.stepped(here, step, np.linalg.solve(R, toward[:, :, None])[:, :, 0])
-    raise ConvergenceError(f"the geometry did not settle in {_MOST_STEPS} steps; {_OTHER}")
+    raise ConvergenceError(f"the geometry did not settle in {_MOST_STEPS} steps; {_doubts(here)}")
 
 
 def observable_directions(s: Array, coarsest: float) -> int:
@@ -289,7 +288,7 @@ def identified(fit: GeometryFit, found: SettledFit, residuals: Array) -> Identif
         far = f", and {fit.unknowns[int(np.argmax(moved))].name} is {moved.max():.2g} of its size (or rad) away"
         raise ConvergenceError(
             f"no geometry near the file's explains what was measured: residuals are {misfit:.3g} times the noise "
-            f"stated{far if len(moved) else ''}; {_OTHER}"
+            f"stated{far if len(moved) else ''}; {_doubts(here)}"
         )
     told = {(each.kind, each.of): float(x) for each, x in zip(fit.geometry, here.values, strict=False)}
     try:
@@ -310,8 +309,23 @@ def identified(fit: GeometryFit, found: SettledFit, residuals: Array) -> Identif
         singular_values=np.concatenate([s, np.zeros(len(fit.start) - len(s))]),
         directions=Vt[rank:] * fit.scales,
         residuals=residuals,
+        off=_off(here),
         misfit=misfit,
         iterations=steps,
         description=changed.settled(),
         frames=FrozenMapping(frames),
+    )
+
+
+def _off(here: PoseEstimate) -> Array:
+    """Of each pose the largest residual, in standard deviations."""
+    return np.asarray(np.abs(here.left).max(axis=1))
+
+
+def _doubts(here: PoseEstimate) -> str:
+    """What to look at where no geometry is found."""
+    pose = int(np.argmax(_off(here)))
+    return (
+        f"the largest residual is that of pose {pose}; is what was measured of this mechanism and branch, in the same "
+        "order, units and signs?"
     )

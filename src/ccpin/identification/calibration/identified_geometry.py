@@ -31,6 +31,7 @@ class IdentifiedGeometry(NamedTuple):
         directions: A basis of what is not observable, of shape (k − r, k).
         residuals: What is left of what was measured, rad or m, a row a pose, NaN where nothing was: of `calibrate`
             sensor after sensor; of `identify_geometry` of q̂_m, the joints' errors taken over to it, of shape (N, n).
+        off: Of each pose the largest residual over its noise, of shape (N,): a pose that was misread stands out.
         misfit: √(S/ν), S the weighted sum of squares and ν the equations less N n and r: about 1 where noise is as
             stated and the model true.
         iterations: Steps of Gauss–Newton.
@@ -46,6 +47,7 @@ class IdentifiedGeometry(NamedTuple):
     singular_values: Array
     directions: Array
     residuals: Array
+    off: Array
     misfit: float
     iterations: int
     description: MechanismDescription
@@ -120,7 +122,9 @@ class IdentifiedGeometry(NamedTuple):
         ]
         rms = ", ".join(f"{x:.3g}" for x in self.residual_rms)
         lines += [f"not observable: {each}" for each in self.unobservable]
-        return "\n".join([*lines, f"residuals {rms} RMS, {self.misfit:.2f} of the noise stated"])
+        pose = int(np.argmax(self.off))
+        worst = f"{self.misfit:.2f} of the noise stated, most at pose {pose} ({self.off[pose]:.1f})"
+        return "\n".join([*lines, f"residuals {rms} RMS, {worst}"])
 
 
 def _sparse(basis: Array) -> Array:

@@ -32,9 +32,9 @@ class Estimate(NamedTuple):
         covariance: Of the values, of shape (r, r).
         multiples: The values as multiples of all p constants, of shape (r, p).
         parameters: All constants looked at: those nearest the model's (in effect) that agree with the values.
-        effort_noise: Standard deviation of what is left of each row of ρᵀSᵀu, N m or N, of shape (n,).
-        autocorrelation: Of what is left of each row, from one sample to the next, of shape (n,). Where it is large
-            noise hangs together, which the covariance counts, or the model does not hold; 0 is no proof of it.
+        effort_noise: Standard deviation of the residuals of each row of ρᵀSᵀu, N m or N, of shape (n,).
+        autocorrelation: Of each row's residuals, from one sample to the next, of shape (n,). Where it is large noise
+            is coloured, which the covariance counts, or the model does not hold; 0 is no proof that it does.
         samples: How many counted, and how many were left out because a joint may have stood.
         outliers: Efforts that were left out, by the motor that explains them best; `off` in deviations of all rows.
         held_out: What constants found without a part of the samples make of it.
@@ -74,6 +74,11 @@ class Estimate(NamedTuple):
     def deviations(self) -> Array:
         """Standard deviations of the values, of shape (r,)."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the values."""
+        return tuple(self.parameters.units[k] for k in self.effects.columns[self.effects.pivots])
 
     def box(self, confidence: float = 0.95, about: DynamicParameters | None = None) -> tuple[Array, Array]:
         """Bounds (lower, upper), of shape (p,) each, of constants about the ellipsoid of this confidence.
@@ -126,9 +131,12 @@ class Estimate(NamedTuple):
         return refined(model, self, logs, geometry, horizon)
 
     def table(self) -> str:
-        """Each combination, its value, its deviation and what the model states, a line each; then motors and speeds."""
-        rows = zip(self.combinations, self.values, self.deviations, self.stated, strict=True)
-        lines = [f"{value:12.5g} ± {off:9.2g}   stated {said:12.5g}   {name}" for name, value, off, said in rows]
+        """Each combination: value, deviation, what the model states, and unit, a line each; then motors and speeds."""
+        rows = zip(self.combinations, self.values, self.deviations, self.stated, self.units, strict=True)
+        lines = [
+            f"{value:12.5g} ± {off:9.2g}   stated {said:12.5g}   {name}   [{unit}]"
+            for name, value, off, said, unit in rows
+        ]
         told = zip(self.motors.names, self.motors.values, self.motors.deviations, strict=True)
         lines += [f"{value:12.5g} ± {off:9.2g}   stated {1:12.5g}   motor:{name}" for name, value, off in told]
         for each in self.stribeck:

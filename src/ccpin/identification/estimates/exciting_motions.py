@@ -31,6 +31,7 @@ from ccpin.mechanism.mechanism import Mechanism
 Criterion = Literal["condition", "trace"]
 _SAMPLES, _SHRINK, _TRIES = 80, 0.98, 40
 _FINE = 25  # samples between two of the search's, where limits are looked at in the end
+_ROUNDING = 1e-12  # of a duration over a period
 _PENALTY, _NOWHERE = 1e2, 1e6
 
 
@@ -70,11 +71,17 @@ class Excitation(NamedTuple):
     def save(self, path: str | Path, period: float = 1e-3) -> None:
         """Write t, q, v and a at even times as ``.csv`` or ``.parquet``, columns ``q_NAME``, ``v_NAME``, ``a_NAME``.
 
+        The last row is at rest: where the period does not divide the duration it is after the motion's end.
+
+        Args:
+            path: The file.
+            period: Between rows, s.
+
         Raises:
             InvalidInputError: Another suffix, a period that is not positive, or the file cannot be written.
         """
-        count = int(np.floor(self.reference.duration / positive(period, "period", "a positive number of seconds")))
-        t: Array = period * np.arange(count + 1.0)
+        count = self.reference.duration / positive(period, "period", "a positive number of seconds")
+        t: Array = period * np.arange(np.ceil(count * (1.0 - _ROUNDING)) + 1.0)
         q, v, a = (np.array(rows) for rows in zip(*(self.reference.at(each) for each in t), strict=True))
         table = {"t": t}
         for symbol, block in (("q", q), ("v", v), ("a", a)):
@@ -156,6 +163,9 @@ def excitation(
                 names = tuple(model.coordinates.names)
                 return Excitation(motion, condition, trace, W.shape[1], share, path, told, names, search.effects)
         inner = _SHRINK * inner
+    if 1.0 < share < np.inf:
+        more = "a longer duration, more speed or effort, or a start farther from the limits would do more"
+        raise InvalidInputError(f"no motion within the limits was found from q = {begin.tolist()}: {more}")
     raise InvalidInputError("no motion within the limits was found that stays on its branch: narrow lower and upper")
 
 

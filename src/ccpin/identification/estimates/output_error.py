@@ -8,8 +8,8 @@ no use for what efforts do only in time. Here a log is cut into shots between re
 over the numbers θ and the start x₀ = (q, q̇) of every shot (multiple shooting; H. Bock, Recent advances in parameter
 identification techniques for O.D.E., 1983), q moved by the efforts as measured, splines between samples
 (`shooting`). Starts are eliminated shot by shot, J = J_θ less what J_x₀ explains, and Gauss and
-Newton's steps are halved while the sum grows. Noise in efforts moves a whole shot one way, so that what is left hangs
-together within shots, but not between them: with g_s = J_sᵀ r_s the covariance is
+Newton's steps are halved while the sum grows. Noise in efforts moves a whole shot one way, so that residuals are
+correlated within shots, but not between them: with g_s = J_sᵀ r_s the covariance is
 
     (JᵀJ)⁻¹ (Σ_s g_s g_sᵀ) (JᵀJ)⁻¹ · S / (S − k)
 
@@ -163,7 +163,7 @@ def _cut(
 ) -> tuple[list[MotionShot], Array, list[Mapping[str, float]]]:
     """Shots, where the smoothed motions have them begin, and what was added."""
     shots, starts, loads = [], [], list[Mapping[str, float]]()
-    spoilt = {each.t for each in estimate.outliers}
+    spoilt = {(each.log, each.t) for each in estimate.outliers}
     for log, late, motion, added in zip(logs, estimate.delays, estimate.motions, estimate.added, strict=True):
         on_time = log.delayed({"u": late.taken}) if late.taken else log
         if not np.array_equal(on_time.t, motion.t):
@@ -179,7 +179,7 @@ def _cut(
             first = rows[0]
             count = max(1, int(np.ceil((motion.t[rows[-1]] - motion.t[first]) / horizon)))
             for part in np.array_split(rows, count):
-                if len(part) < _LEAST or spoilt & set(motion.t[part].tolist()):
+                if len(part) < _LEAST or spoilt & {(late.log, t) for t in motion.t[part].tolist()}:
                     continue
                 t, u = motion.t[part], motion.u[part]
                 between = make_interp_spline(t, u, 3)((t[1:] + t[:-1]) / 2.0)

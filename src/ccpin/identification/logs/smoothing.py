@@ -43,15 +43,17 @@ _LEAST = 1e-14  # of the largest number, or of a radian or metre: rounding
 _ROUNDED = 1e-9  # of a time between samples
 _REACH = 2.0  # usual times between two samples: what is farther from any position is not looked at
 _MOST_KNOTS = 2000
+_FINEST = 10  # knots a sample: more than that is a mistake in units
 _ITERATIONS, _CLOSE = 30, 1e-9
 
 
 class Outlier(NamedTuple):
-    """A sample that was left out: its column, its time in s, and how many standard deviations it is off."""
+    """A sample that was left out: its column, its time in s, how many standard deviations it is off, and its log."""
 
     column: str
     t: float
     off: float
+    log: str
 
 
 class Smoothed(NamedTuple):
@@ -67,7 +69,7 @@ class Smoothed(NamedTuple):
         noise: Standard deviation of each position's and velocity's column about the motion, by name: far above what
             the sensor has where sensors contradict one another, or the closures.
         outliers: Samples that were left out.
-        errors: How errors of q, q̇ and q̈ at all times hang together.
+        errors: How errors of q, q̇ and q̈ at all times are correlated.
     """
 
     t: Array
@@ -126,7 +128,8 @@ def smoothed(
         smoothness: The penalty's weight over what cross-validation or noise asks for: less has less bias.
 
     Raises:
-        InvalidInputError: A coordinate is not measured, a column is of no joint, or there are too few samples.
+        InvalidInputError: A coordinate is not measured, a column is of no joint, there are too few samples, or more
+            than ten knots for each.
         UnsupportedMechanismError: A coordinate is a ball or a circle.
         ConvergenceError: Fitting all sensors together did not converge.
         ConfigurationNotFoundError: Smoothed coordinates are out of reach.
@@ -144,13 +147,15 @@ def smoothed(
         own = [log.t[~np.isnan(log.columns[f"q_{part.name}"])] for part in parts]
         usual = max((float(np.median(np.diff(times))) for times in own if len(times) > 1), default=0.0)
         spacing = max(2.0 * usual, (log.t[-1] - log.t[0]) / _MOST_KNOTS)
-    knots = Knots.over(log.t[0], log.t[-1], positive(spacing, "spacing", "a time in seconds"))
+    elif positive(spacing, "spacing", "a time in seconds") * len(log.t) * _FINEST < log.t[-1] - log.t[0]:
+        raise InvalidInputError(f"spacing = {spacing:g} s is far below the time between samples of {log!r}")
+    knots = Knots.over(log.t[0], log.t[-1], spacing)
     basis = [knots.basis(log.t, d) for d in range(3)]
     measured = {name: column for name, column in log.columns.items() if name[0] != "u"}
     alone, outliers = {}, []
-    for name, column in measured.items():
+    for name in measured:
         stated = positive(known[name], f"the noise of '{name}'") if name in known else None
-        alone[name], found = _alone(name, log.t, column, knots, basis[0], stated, smoothness)
+        alone[name], found = _alone(name, log, knots, basis[0], stated, smoothness)
         outliers += found
     weights = np.array([alone[f"q_{part.name}"].weight for part in parts])
     penalty = sparse.kron(knots.roughness(), sparse.diags_array(weights)).tocsr()
@@ -183,10 +188,11 @@ def _deviations(inverse: Array, design: Any, n: int) -> Array:
 
 
 def _alone(
-    name: str, t: Array, column: Array, knots: Knots, basis: Any, stated: float | None, smoothness: float
+    name: str, log: Log, knots: Knots, basis: Any, stated: float | None, smoothness: float
 ) -> tuple[_Alone, list[Outlier]]:
     """A column smoothed by itself; samples beyond five standard deviations go, the worst of each stretch first."""
-    roughness, kept, outliers = knots.roughness(), ~np.isnan(column), list[Outlier]()
+    column, roughness, outliers = log.columns[name], knots.roughness(), list[Outlier]()
+    kept = ~np.isnan(column)
     reach = 2.0 * (knots.t[1] - knots.t[0])
     while True:
         if kept.sum() <= DEGREE:
@@ -198,12 +204,12 @@ def _alone(
         about = 1.4826 * median_filter(np.abs(fit.residuals), _ABOUT, mode="nearest")
         least = _LEAST * max(float(np.abs(y).max()), 1.0)
         off = np.abs(fit.residuals) / np.maximum(about, max(stated or 0.0, usual, least))
-        times = t[kept]
+        times = log.t[kept]
         worst = [k for k in np.flatnonzero(off > _BEYOND) if off[k] >= off[np.abs(times - times[k]) <= reach].max()]
         if not worst:
             scale = stated or max(float(np.sqrt(fit.residuals @ fit.residuals / left)), least)
             return _Alone(kept, scale, weight / scale**2, fit), outliers
-        outliers += [Outlier(name, float(times[k]), float(off[k])) for k in worst]
+        outliers += [Outlier(name, float(times[k]), float(off[k]), log.source) for k in worst]
         kept = kept.copy()
         kept[np.flatnonzero(kept)[worst]] = False
 

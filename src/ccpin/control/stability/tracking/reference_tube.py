@@ -114,6 +114,12 @@ def cut_along(law: Any, cells: int, told_of: Callable[[Any, Reading, ReferencePi
     return ReferenceTube(equations, path, own, centre, (number, delta))
 
 
+def reference_of(law: Any) -> ReferencePieces:
+    """q_d as a law has it now; errors as for `cut_along`."""
+    pieces, _ = _pieces(law.reference)
+    return ReferencePieces(pieces.c, pieces.x)
+
+
 def equations_of(law: TrackingLaw, reading: Reading, reference: ReferencePieces) -> TrackingEquations:
     """What is claimed of a law's error, over closures that are read off its mechanism.
 

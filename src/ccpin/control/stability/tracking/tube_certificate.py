@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import abc
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.control.stability.tracking.reference_tube import ReferenceTube
+from ccpin.control.stability.tracking.reference_tube import ReferenceTube, reference_of
+from ccpin.control.stability.tracking.tracking_equations import ReferencePieces
+from ccpin.domain.closures.system import Reading
+from ccpin.errors import CcpinError
 from ccpin.proof.facts import Fact
 from ccpin.proof.verdict import Judged
 
@@ -38,6 +42,14 @@ class TubeCertificate(Judged, abc.ABC):
     @abc.abstractmethod
     def _known(self) -> Fact | None:
         """The fact, if it is one about the law."""
+
+    def _is_of_law(self, equations_of: Callable[[Any, Reading, ReferencePieces], Any]) -> bool:
+        """Whether the fact is about what is claimed of the law as it is now: gains, model and reference."""
+        try:
+            own = equations_of(self.law, self._tube.path.reading, reference_of(self.law))
+        except CcpinError:
+            return False
+        return self.proved is not None and bool(own.digest == self.proved.digest)
 
     def replay(self: _Own) -> _Own:
         """The same, its bound proved once more from its data alone; one that was pickled is undecided until then.
