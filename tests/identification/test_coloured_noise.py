@@ -17,26 +17,30 @@ def chained(size, share, draw, n=2):
     return lfilter([np.sqrt(1.0 - share**2)], [1.0, -share], white, axis=0)[500:]
 
 
-def test_it_is_the_sum_over_all_pairs_of_samples():
-    """Two logs, samples missing, some that do not count, and something known beforehand."""
-    draw = np.random.default_rng(0)
-    places = [np.sort(draw.choice(90, 70, replace=False)), np.arange(50)]
-    W = draw.normal(size=(120, 2, 3)) + np.sin(np.arange(120) / 9.0)[:, None, None]
-    noise = np.concatenate([chained(90, 0.6, draw)[places[0]], chained(50, 0.6, draw)])
-    rows = EffortRows(W, W @ np.ones(3) + 0.3 * noise, np.array([[0.0, 2.0, 1.0]]), np.array([3.0]))
+LOGS = {
+    "samples missing, a short log and none": (0.9, [np.r_[0:20, 23:48, 52:82], np.arange(50), [0, 1, 4], []], 25),
+    "a single pair far apart": (0.98, [np.r_[0:13, 40], [3]], 37),
+    "no lag": (0.1, [np.arange(12)], 0),
+}
+
+
+@pytest.mark.parametrize(("a", "places", "lags"), LOGS.values(), ids=LOGS)
+def test_it_is_the_sum_over_all_pairs_of_samples(a, places, lags):
+    """Of several logs, samples that do not count, and something known beforehand."""
+    draw, size = np.random.default_rng(0), sum(map(len, places))
+    W = draw.normal(size=(size, 2, 3)) + np.sin(np.arange(size) / 9.0)[:, None, None]
+    rows = EffortRows(W, W @ np.ones(3) + 0.3 * chained(size, 0.6, draw), np.array([[0.0, 2.0, 1.0]]), np.array([3.0]))
     fit = fitted_robustly(rows, False)
-    counted = fit.counted.copy()
-    counted[[3, 40, 41, 100]] = False
+    counted = np.arange(size) % 37 != 3
     fit = fit._replace(counted=counted)
-    a = 0.45
-    found = coloured_covariance([SimpleNamespace(chosen=each) for each in places], rows, fit, a)
-    lags = int(1.1447 * (4.0 * a**2 * counted.sum() / (1.0 - a**2) ** 2) ** (1.0 / 3.0))
-    at = np.concatenate([places[0], places[1] + 10_000])
+    found = coloured_covariance([SimpleNamespace(chosen=np.array(each, dtype=int)) for each in places], rows, fit, a)
+    assert lags == int(1.1447 * (4.0 * a**2 * counted.sum() / (1.0 - a**2) ** 2) ** (1.0 / 3.0))
+    at = np.concatenate([10_000 * k + np.array(each, dtype=int) for k, each in enumerate(places)])
     e, X = rows.left(fit.beta) / fit.deviation, W / fit.deviation[:, None]
-    pairs = [(s, t, at[t] - at[s]) for s in range(120) for t in range(120) if counted[s] and counted[t]]
+    pairs = [(s, t, at[t] - at[s]) for s in range(size) for t in range(size) if counted[s] and counted[t]]
     near = [(s, t, lag) for s, t, lag in pairs if abs(lag) <= lags]
     R, S = {}, rows.P.T @ rows.P
-    for lag in range(-lags, lags + 1):
+    for lag in {lag for _, _, lag in near}:
         R[lag] = np.mean([np.outer(e[s], e[t]) for s, t, apart in near if apart == lag], axis=0)
     for s, t, lag in near:
         S = S + (1.0 - abs(lag) / (lags + 1.0)) * X[s].T @ R[lag] @ X[t]
@@ -49,8 +53,8 @@ def test_what_smoothing_brings_about_is_white(a, same):
     draw = np.random.default_rng(1)
     rows = EffortRows(draw.normal(size=(60, 2, 3)), draw.normal(size=(60, 2)), np.zeros((0, 3)), np.zeros(0))
     fit = fitted_robustly(rows, False)
-    given = [SimpleNamespace(chosen=np.arange(60))], rows, fit, np.array([a, -0.2])
-    assert (with_coloured_noise(fit.covariance, *given) is fit.covariance) == same
+    given, own = ([SimpleNamespace(chosen=np.arange(60))], rows, fit, np.array([a, -0.2])), fit.covariance
+    assert (with_coloured_noise(own, *given) is own) == same
 
 
 def test_it_is_no_smaller_than_either_in_any_direction():
@@ -67,6 +71,15 @@ def test_it_is_no_smaller_than_either_in_any_direction():
     for other, largest in ((1e-6 * own, own), (1e6 * own, 1e6 * own)):
         found = with_coloured_noise(other, given, rows, fit, np.array([0.8, 0.1]))
         np.testing.assert_allclose(found, largest, rtol=1e-6, atol=1e-9 * np.trace(largest))
+
+
+def test_noise_that_never_forgets_is_taken_to_forget_a_hundredth():
+    draw = np.random.default_rng(3)
+    rows = EffortRows(draw.normal(size=(30, 2, 3)), chained(30, 0.8, draw), np.zeros((0, 3)), np.zeros(0))
+    fit, given = fitted_robustly(rows, False), [SimpleNamespace(chosen=np.arange(30))]
+    found = with_coloured_noise(1e-6 * np.eye(3), given, rows, fit, np.array([0.2, 0.999]))
+    np.testing.assert_allclose(found, coloured_covariance(given, rows, fit, 0.99), rtol=1e-3)
+    assert not np.allclose(found, coloured_covariance(given, rows, fit, 0.985), rtol=1e-2)
 
 
 def off(bench, share, robots, logs=1):

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from scipy.linalg import block_diag, null_space
+from scipy.linalg import block_diag, null_space, sqrtm
 
 from ccpin.identification.estimates.marginal_motors import marginal_rows, shown_shares
 from ccpin.identification.estimates.robust_fit import EffortRows
@@ -80,6 +80,36 @@ def test_curvature_and_gauss_newtons_are_the_information_of_a_gaussian_law():
     steps = np.array([[np.trace(x.T @ inverse @ y @ second) for y in own] for x in own])
     rows, _ = marginal_rows(*of.told(log_k))
     np.testing.assert_allclose(steps + rows.T @ rows, information, rtol=1e-6)
+
+
+@pytest.mark.parametrize("known", [0, 2, R])
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_curvature_is_of_what_is_known(known, elsewhere):
+    """tr C_iC_j − tr ΠC_iΠC_j by matrices' own roots, C_j's symmetric parts from slopes of H: ∂H = −2 H^½ C_j H^½."""
+    of, log_k = case(known, elsewhere), np.array([0.1, -0.2])
+
+    def information(log_k):
+        W = (of.moved(log_k) / of.deviation[:, None]).reshape(-1, R)
+        return W.T @ W + of.P.T @ of.P
+
+    root = np.linalg.inv(np.real(sqrtm(information(log_k))))
+    moved = [(information(log_k + STEP * e) - information(log_k - STEP * e)) / (2.0 * STEP) for e in np.eye(N)]
+    C = [-root @ each @ root / 2.0 for each in moved]
+    held = np.eye(R) - np.linalg.pinv(of.P @ root) @ of.P @ root if known else np.eye(R)
+    rows, _ = marginal_rows(*of.told(log_k))
+    wanted = [[np.trace(x @ y) - np.trace(held @ x @ held @ y) for y in C] for x in C]
+    np.testing.assert_allclose(rows.T @ rows, wanted, atol=1e-8)
+
+
+@pytest.mark.parametrize(("square", "counts"), [(0.97e-9, False), (1.03e-9, True)])
+def test_what_logs_show_next_to_nothing_of_does_not_count(square, counts):
+    """Of one constant w² is told by logs and 1 beforehand: C = w²/(1 + w²)."""
+    share = np.sqrt(square)
+    rows = EffortRows(np.full((1, 1, 1), np.sqrt(share / (1.0 - share))), np.zeros((1, 1)), np.eye(1), np.zeros(1))
+    told, x = marginal_rows(rows, np.ones((1, 1, 1)), np.ones((1, 1, 1)), np.ones(1))
+    assert told.size == counts
+    np.testing.assert_allclose(told.ravel(), share if counts else [])
+    np.testing.assert_allclose(np.abs(x), 1.0 if counts else [])
 
 
 def test_constants_that_logs_show_count_whole_and_others_not():

@@ -39,6 +39,16 @@ _STRUCTURE = (
     "identification/test_vanishing.py::test_combinations_of_others_are_without_effect[bennett]",
     *_SEEN,
 )
+_COLOURED = tuple(
+    f"identification/test_coloured_noise.py::test_{name}"
+    for name in (
+        "it_is_the_sum_over_all_pairs_of_samples",
+        "what_smoothing_brings_about_is_white",
+        "it_is_no_smaller_than_either_in_any_direction",
+        "noise_that_never_forgets_is_taken_to_forget_a_hundredth",
+    )
+)
+_MOTION_ERRORS = "what_errors_of_motions_add_is_the_sum_over_all_pairs_of_samples"
 _DEPENDENT = ("identification/test_dependent_columns.py", "identification/test_sharp_dependent_columns.py")
 
 ROOMS = (
@@ -139,6 +149,25 @@ ROOMS = (
         places=(
             *(f"AdaptiveCertificate.{name}" for name in ("verdict", "_known", "_beyond", "sliding", "efforts")),
             *("AdaptiveCertificate.mean_square", "certify_adaptive", "equations_of", "_motors_of", "_check"),
+        ),
+    ),
+    Room("identification/estimates/motion_errors", (f"identification/test_motion_errors.py::test_{_MOTION_ERRORS}",)),
+    Room(
+        "identification/estimates/motor_constants",
+        ("identification/test_sharp_motor_constants.py",),
+        (
+            ("_SETTLED, _ROUNDING =", "0.01 × ", "hundredths of a deviation that k may be off; a tenth is noticed"),
+            ("_SETTLED, _ROUNDING =", "1e-09 × ", "what is left of steps is rounding well before"),
+            ("if away @ away <=", "left × 0.5", "as the hundredth itself, and what is left then is rounding"),
+        ),
+    ),
+    Room("identification/estimates/marginal_motors", ("identification/test_marginal_motors.py",)),
+    Room(
+        "identification/estimates/coloured_noise",
+        _COLOURED,
+        (
+            ("_ROUNDING =", "1e-14 × ", "stands for a variance of 0 that is divided by: the other one is told there"),
+            ("np.maximum(pairs, 1.0)", "1 × 0.", "where there is no pair the products are 0"),
         ),
     ),
 )

@@ -54,7 +54,8 @@ def coloured_covariance(samples: Sequence[EffortSamples], rows: EffortRows, fit:
     left, W, count = rows.left(fit.beta) * weights, rows.W * weights[..., None], fit.counted[:, None].astype(np.float64)
     e, X_of, counts = (_on_grids(samples, part, lags) for part in (left, W, count))
     R, pairs = (sum(_products(each, lags) for each in part) for part in (e, counts))
-    R = R / np.maximum(pairs, 1.0) * (1.0 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1.0))[:, None, None]
+    w = 1.0 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1.0)
+    R = R / np.maximum(pairs, 1.0) * w[:, None, None]
     S = rows.P.T @ rows.P
     for X in X_of:
         felt = sum(oaconvolve(X[:, None, j], R[::-1, :, j, None], axes=0) for j in range(X.shape[1]))
@@ -66,7 +67,7 @@ def _on_grids(samples: Sequence[EffortSamples], values: Array, lags: int) -> lis
     """Each log's samples at their places among its times, with zeros between them and after the last."""
     found = list[Array]()
     for each, own in zip(samples, by_log(samples, values), strict=True):
-        found.append(np.zeros((int(each.chosen.max(initial=0)) + 1 + 2 * lags, *values.shape[1:])))
+        found.append(np.zeros((int(each.chosen.max(initial=0)) + 1 + lags, *values.shape[1:])))
         found[-1][each.chosen] = own
     return found
 

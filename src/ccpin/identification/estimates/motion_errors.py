@@ -60,4 +60,4 @@ def with_motion_errors(
 def _apart(t: Array) -> Array:
     """Some of increasing times, by number, the first and the last among them."""
     step = np.floor((t - t[0]) / _APART)
-    return np.union1d(np.flatnonzero(np.diff(step, prepend=-1.0)), [len(t) - 1])
+    return np.union1d(np.flatnonzero(np.diff(step)) + 1, [0, len(t) - 1])

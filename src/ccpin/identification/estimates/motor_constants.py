@@ -164,8 +164,9 @@ def fitted_motors(
         further, p = marginal_rows(free.of(counted), A[counted][..., own], inverse[counted][:, own], fit.deviation)
         both = _with_known(both, further / k[own], p)
         fit = fitted_robustly(both, robust)
-        step, away = fit.beta[-m:], np.linalg.inv(fit.covariance[-m:, -m:])
-        if step @ away @ step <= _SETTLED**2 or (np.abs(step) <= _ROUNDING * k[own]).all():
+        step = fit.beta[-m:]
+        away = np.linalg.solve(fit.root[-m:, -m:], step)
+        if away @ away <= _SETTLED**2 or (np.abs(step) <= _ROUNDING * k[own]).all():
             return FittedMotors(drawn, rows, both, fit, k)
         k[own] = k[own] / np.maximum(1.0 - step / k[own], _LEAST_SHARE)
     raise ConvergenceError(f"motors' constants do not settle: they seem to be {k[own]}")

@@ -59,7 +59,7 @@ class RobustFit(NamedTuple):
     """A fit of some rows.
 
     Attributes:
-        beta: β̂, of shape (r,). covariance: C, of shape (r, r).
+        beta: β̂, of shape (r,). root: Upper triangular, of shape (r, r): C = root rootᵀ.
         deviation: σ, of shape (n,).
         counted: Which samples did, of shape (N,).
         off: How many deviations each sample's worst row is off, of shape (N,).
@@ -67,11 +67,16 @@ class RobustFit(NamedTuple):
     """
 
     beta: Array
-    covariance: Array
+    root: Array
     deviation: Array
     counted: Mask
     off: Array
     orthogonal: Array
+
+    @property
+    def covariance(self) -> Array:
+        """C, of shape (r, r)."""
+        return np.asarray(self.root @ self.root.T)
 
 
 def with_columns(rows: EffortRows, further: Array) -> EffortRows:
@@ -115,8 +120,8 @@ def _least_squares(rows: EffortRows, counted: Mask) -> RobustFit:
         deviation = np.sqrt(squares / np.maximum(len(rows_of.tau) - leverage, 1.0))
         deviation = np.maximum(deviation, _LEAST * np.abs(rows.tau).max())
     beta, q, triangle = solved(rows_of, np.broadcast_to(1.0 / deviation, rows_of.tau.shape))
-    inverse = np.linalg.inv(triangle)
-    return RobustFit(beta, inverse @ inverse.T, deviation, counted, _off(rows.left(beta)), q)
+    root = np.asarray(np.linalg.inv(triangle), dtype=np.float64)
+    return RobustFit(beta, root, deviation, counted, _off(rows.left(beta)), q)
 
 
 def _reweighted(rows: EffortRows, beta: Array) -> Array:
