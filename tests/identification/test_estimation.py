@@ -53,6 +53,10 @@ def test_values_are_the_multiples_of_the_constants_they_come_with(bench):
     assert np.allclose(found.multiples @ found.parameters.values, found.values, rtol=1e-9, atol=1e-12)
     assert len(found.combinations) == len(found.values) == np.linalg.matrix_rank(found.multiples)
     assert len(found.table().splitlines()) == len(found.values)
+    unit = dict(zip(found.parameters.names, found.parameters.units, strict=True))
+    for name, told, line in zip(found.combinations, found.units, found.table().splitlines(), strict=True):
+        assert told == unit[name.split()[0]]
+        assert line.endswith(f"{name}   [{told}]")
 
 
 def test_a_combination_says_what_it_cannot_be_told_from(bench):

@@ -35,7 +35,7 @@ def test_the_command_tells_what_was_not_seen_clocks_and_outliers(bench, tmp_path
     assert len(told["held_out"]) == 5
     assert all(np.less(each["found"], each["stated"]).all() for each in told["held_out"])
     text = page.read_text(encoding="utf-8")
-    for words in ("What was not seen", "Clocks", "95 % of white noise", "u_joint2", "run.csv"):
+    for words in ("Held-out samples", "Clocks", "95 % of white noise", "u_joint2", "run.csv"):
         assert words in text
 
 

@@ -124,7 +124,7 @@ def _identify(options: argparse.Namespace) -> int:
                 f"{chained:.2g}), which deviations count: noise, or a file's lengths, encoders or friction are wrong"
             )
     if estimate.outliers:
-        print(f"{len(estimate.outliers)} samples were left out, at which efforts are grossly off (--report names them)")
+        print(f"left out, as efforts are grossly off: {len(estimate.outliers)} of the samples (--report names them)")
     print("".join(f"wrote {path}\n" for path in written), end="")
     if options.out:
         print("".join(f"not in the file: {note}\n" for note in notes), end="")
@@ -133,9 +133,10 @@ def _identify(options: argparse.Namespace) -> int:
 
 def _told(estimate: Estimate) -> dict[str, Any]:
     """As JSON has it."""
-    rows = zip(estimate.combinations, estimate.values, estimate.deviations, estimate.stated, strict=True)
-    fields = ("combination", "value", "deviation", "stated")
-    found = [dict(zip(fields, (name, *map(float, rest)), strict=True)) for name, *rest in rows]
+    numbers = zip(estimate.values.tolist(), estimate.deviations.tolist(), estimate.stated.tolist(), strict=True)
+    fields = ("combination", "unit", "value", "deviation", "stated")
+    rows = zip(estimate.combinations, estimate.units, numbers, strict=True)
+    found = [dict(zip(fields, (name, unit, *rest), strict=True)) for name, unit, rest in rows]
     samples = dict(zip(("counted", "left_out"), estimate.samples, strict=True))
     unseen = [
         {"where": each.where, "samples": each.samples}

@@ -33,12 +33,12 @@ def estimate_page(
         "with the same value of it move alike."
     )
     rows = [
-        [f"`{name}`", f"{value:.5g}", f"{off:.2g}", f"{said:.5g}", f"{abs(value - said) / off:.1f}"]
-        for name, value, off, said in zip(
-            estimate.combinations, estimate.values, estimate.deviations, estimate.stated, strict=True
+        [f"`{name}`", f"{value:.5g}", f"{off:.2g}", f"{said:.5g}", unit, f"{abs(value - said) / off:.1f}"]
+        for name, value, off, said, unit in zip(
+            estimate.combinations, estimate.values, estimate.deviations, estimate.stated, estimate.units, strict=True
         )
     ]
-    head = ["combination", "found", "standard deviation", "stated", "apart, in deviations"]
+    head = ["combination", "found", "standard deviation", "stated", "unit", "apart, in deviations"]
     constants = [
         [f"`{name}`", f"{said:.5g}", f"{value:.5g}", unit]
         for name, said, value, unit in zip(
@@ -49,25 +49,26 @@ def estimate_page(
     sections = [Section("found", "What the logs tell", paragraphs(told) + table(head, rows))]
     for k, (name, before, after) in enumerate(logs):
         shares = ", ".join(
-            f"{joint} {100 * b:.3g} % before, {100 * a:.3g} % now"
+            f"{joint} {100 * b:.3g} % by the file's constants, {100 * a:.3g} % by those taken"
             for joint, b, a in zip(after.names, before.share, after.share, strict=True)
         )
-        body = paragraphs(f"Left unexplained, of the measured root mean square, outliers included: {shares}.")
+        body = paragraphs(f"Residuals over measured efforts (root mean squares, outliers included): {shares}.")
         sections.append(
             Section(
                 f"log{k}",
-                f"What is left of {name}",
+                f"Residuals of {name}",
                 body
                 + figure(
                     efforts_figure(before, after),
-                    f"Efforts of {name} as measured and as told, N m or N; right, what is left of them",
+                    f"Efforts of {name}, N m or N: measured, and by the constants taken; right, residuals by the "
+                    "file's constants (stated) and by those taken",
                 )
                 + figure(
                     residuals_figure(after),
-                    f"What the constants taken leave of {name}, outliers drawn at five standard deviations. Left, "
-                    "beside Gaussian noise of its median size; middle, the band that 95 % of white noise keeps within: "
-                    "what leaves it no constant explains, or noise hangs together; right, where friction that "
-                    "these constants have no word for would show",
+                    f"Residuals of {name} by the constants taken, outliers drawn at five standard deviations. Left, "
+                    "beside Gaussian noise of their median size; middle, the band that 95 % of white noise keeps "
+                    "within: outside of it noise is coloured, or the model does not hold; right, where friction that "
+                    "is neither viscous nor Coulomb's would show",
                 ),
             )
         )
@@ -77,7 +78,7 @@ def estimate_page(
         sections.append(Section("motors", "Motors", _motors(estimate)))
     if any(estimate.added):
         sections.append(Section("added", "What was added", _added(estimate)))
-    sections.append(Section("held-out", "What was not seen", _unseen(estimate)))
+    sections.append(Section("held-out", "Held-out samples", _unseen(estimate)))
     sections.append(Section("clocks", "Clocks", _clocks(estimate)))
     sections.append(Section("noise", "Noise and outliers", _noise(estimate)))
     sections.append(Section("constants", "Constants taken", table(["constant", "stated", "taken", "unit"], constants)))
@@ -109,8 +110,8 @@ def _friction(estimate: Estimate) -> str:
 def _motors(estimate: Estimate) -> str:
     """Factors of motors' efforts."""
     told = (
-        "True efforts over what columns say, with standard deviations, in which is what is not known of the scale that "
-        "motors and constants share. Efforts told and measured above are true ones, by these."
+        "k: the true effort over what the column says. The standard deviation includes that of the scale, which motors "
+        "and constants share. Efforts above are true ones, by these k."
     )
     of_k = estimate.motors
     rows = [
@@ -122,7 +123,7 @@ def _motors(estimate: Estimate) -> str:
 
 def _added(estimate: Estimate) -> str:
     """What was known to be more in some of the logs."""
-    told = "By how much constants were larger in a log than those told here, as it was stated, and taken as exact."
+    told = "By how much constants were larger in a log than those found here: as stated, taken as exact."
     unit = dict(zip(estimate.parameters.names, estimate.parameters.units, strict=True))
     rows = [
         [late.log, f"`{name}`", f"{value:.5g}", unit[name]]
@@ -135,8 +136,8 @@ def _added(estimate: Estimate) -> str:
 def _unseen(estimate: Estimate) -> str:
     """Cross-validation, a line a part."""
     told = (
-        "Each part was told by constants found from all other samples; root mean squares of what is missed, of what "
-        "the file's constants miss, and of what was measured, N m or N, coordinate by coordinate."
+        "Efforts of each part by constants found from all other samples: root mean squares of the residuals, of "
+        "those by the file's constants, and of the measured efforts, N m or N, coordinate by coordinate."
     )
     rows = [
         [
@@ -146,7 +147,7 @@ def _unseen(estimate: Estimate) -> str:
         ]
         for each in estimate.held_out
     ]
-    head = ["held out", "samples", "missed", "by the file's", "measured"]
+    head = ["held out", "samples", "residuals", "by the file's", "measured"]
     without = any(each.coulomb is not None for each in estimate.held_out)
     return paragraphs(told) + table([*head, *(["without Stribeck's friction"] if without else [])], rows)
 
@@ -156,7 +157,7 @@ def _clocks(estimate: Estimate) -> str:
     rows = [
         [each.log, *(f"{1e3 * x:.3g}" for x in (each.seconds, each.deviation, each.taken))] for each in estimate.delays
     ]
-    told = "By how much stamps of efforts are later than those of positions, by what leaves least of the efforts."
+    told = "By how much the efforts' stamps of time are later than the positions': what leaves the least residuals."
     return paragraphs(told) + table(["log", "late, ms", "standard deviation, ms", "set right by, ms"], rows)
 
 
@@ -165,7 +166,7 @@ def _noise(estimate: Estimate) -> str:
     efforts = ", ".join(f"{level:.3g}" for level in estimate.effort_noise)
     outliers = [*estimate.outliers, *(each for motion in estimate.motions for each in motion.outliers)]
     named = [[f"`{each.column}`", f"{each.t:.6g}", f"{each.off:.1f}"] for each in outliers[:50]]
-    body = paragraphs(f"What is left of each generalised force has a standard deviation of {efforts} N m or N.")
+    body = paragraphs(f"Standard deviation of the residuals, coordinate by coordinate: {efforts} N m or N.")
     body += table(["column", "standard deviation about the motion"], rows)
-    told = f"{len(outliers)} samples were left out as outliers" + (", the first 50 of them:" if named else ".")
+    told = f"Samples left out as outliers: {len(outliers)}" + (", the first of them:" if len(outliers) > 50 else ".")
     return body + paragraphs(told) + (table(["column", "t, s", "deviations"], named) if named else "")

@@ -75,6 +75,11 @@ class Estimate(NamedTuple):
         """Standard deviations of the values, of shape (r,)."""
         return np.sqrt(np.diag(self.covariance))
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the values."""
+        return tuple(self.parameters.units[k] for k in self.effects.columns[self.effects.pivots])
+
     def box(self, confidence: float = 0.95, about: DynamicParameters | None = None) -> tuple[Array, Array]:
         """Bounds (lower, upper), of shape (p,) each, of constants about the ellipsoid of this confidence.
 
@@ -126,9 +131,12 @@ class Estimate(NamedTuple):
         return refined(model, self, logs, geometry, horizon)
 
     def table(self) -> str:
-        """Each combination, its value, its deviation and what the model states, a line each; then motors and speeds."""
-        rows = zip(self.combinations, self.values, self.deviations, self.stated, strict=True)
-        lines = [f"{value:12.5g} ± {off:9.2g}   stated {said:12.5g}   {name}" for name, value, off, said in rows]
+        """Each combination: value, deviation, what the model states, and unit, a line each; then motors and speeds."""
+        rows = zip(self.combinations, self.values, self.deviations, self.stated, self.units, strict=True)
+        lines = [
+            f"{value:12.5g} ± {off:9.2g}   stated {said:12.5g}   {name}   [{unit}]"
+            for name, value, off, said, unit in rows
+        ]
         told = zip(self.motors.names, self.motors.values, self.motors.deviations, strict=True)
         lines += [f"{value:12.5g} ± {off:9.2g}   stated {1:12.5g}   motor:{name}" for name, value, off in told]
         for each in self.stribeck:

@@ -1,4 +1,4 @@
-"""Figures of what constants leave of a log: over time, how it is distributed and hangs together; and of friction."""
+"""Figures of a log's residuals (over time, distribution, autocorrelation, against velocity), and of friction."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _USUAL = 1.4826  # of the median of |x|: the standard deviation of Gaussian nois
 
 
 def efforts_figure(before: Explained, after: Explained) -> Figure:
-    """Measured and told efforts of each coordinate, and beside them what is left."""
+    """Efforts of each coordinate, measured and by constants, and beside them the residuals."""
     n = len(after.names)
     with drawing("", (9.0, 2.6 * n)) as drawn:
         panels = drawn.subplots(n, 2, squeeze=False, sharex=True)
         for k, name in enumerate(after.names):
             left, right = panels[k]
             left.plot(after.t, after.measured[:, k], color=COLOURS[0], linewidth=0.8, label="measured")
-            left.plot(after.t, after.told[:, k], color=COLOURS[1], linewidth=1.2, label="told")
+            left.plot(after.t, after.told[:, k], color=COLOURS[1], linewidth=1.2, label="model")
             left.set(ylabel=f"effort at {name}")
             right.plot(before.t, before.left[:, k], color=COLOURS[2], linewidth=0.6, label="stated")
             right.plot(after.t, after.left[:, k], color=COLOURS[1], linewidth=0.6, label="taken")
-            right.set(ylabel=f"left at {name}")
+            right.set(ylabel=f"residual at {name}")
         for axes in panels[0]:
             axes.legend(loc="upper right", fontsize=8)
         for axes in panels[-1]:
@@ -38,7 +38,7 @@ def efforts_figure(before: Explained, after: Explained) -> Figure:
 
 
 def residuals_figure(told: Explained) -> Figure:
-    """What is left of each coordinate's effort: its histogram, its autocorrelation, and against the velocity."""
+    """Residuals of each coordinate's effort: their histogram, their autocorrelation, and against the velocity."""
     n = len(told.names)
     with drawing("", (9.0, 2.4 * n)) as drawn:
         panels = drawn.subplots(n, 3, squeeze=False)
@@ -56,7 +56,7 @@ def residuals_figure(told: Explained) -> Figure:
             chain.set(ylim=(min(-0.3, correlations.min(initial=0.0)), max(0.3, correlations.max(initial=0.0))))
             against.plot(told.v[:, k], left, ".", color=COLOURS[1], markersize=1.5, rasterized=True)
         for axes, label in zip(
-            panels[-1], ("left, standard deviations", "lag, samples", "velocity, rad/s or m/s"), strict=True
+            panels[-1], ("residual, standard deviations", "lag, samples", "velocity, rad/s or m/s"), strict=True
         ):
             axes.set(xlabel=label)
         for axes, title in zip(panels[0], ("distribution", "autocorrelation", "against velocity"), strict=True):
