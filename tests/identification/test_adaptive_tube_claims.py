@@ -281,6 +281,17 @@ def test_a_fact_about_another_law_says_nothing_of_this(certificate):
     assert loaded.replay().verdict == "proven"
 
 
+def test_gears_change_efforts_alone(certificate):
+    """The same tube; what a motor is asked for is the joint's effort over its gear."""
+    own = law_of().model.mechanism.description
+    motors = tuple(replace(motor, gear=gear) for motor, gear in zip(own.motors, (50.0, -20.0), strict=True))
+    geared = law_of(ccpin.load(replace(own, motors=motors)))
+    found = certify_adaptive(geared, initial_error=1e-4, initial_sliding=1e-3, cells=CELLS)
+    assert found.verdict == "proven", found.reason
+    np.testing.assert_allclose(found.errors, certificate.errors, rtol=1e-9)
+    np.testing.assert_allclose(found.efforts, certificate.efforts / [50.0, 20.0], rtol=1e-9)
+
+
 class Formless(Reference):
     """One whose polynomials nobody knows."""
 

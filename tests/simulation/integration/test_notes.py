@@ -1,6 +1,7 @@
 """What a trajectory says without being asked: who stepped it, why not the core, and which limits it passed."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -108,13 +109,19 @@ def test_the_command_line_says_them(tmp_path, capsys):
 
 @built
 def test_motors_elsewhere_are_why():
-    """A law that the core knows, of motors that are not on q: it is that, not the law, which keeps it out."""
-    model = ccpin.ReducedModel(ccpin.load("rpdr", actuated=["joint3", "joint4"]))
-    moved = model.alpha(model.mechanism.q_reference)
-    law = control.PDSimpleGravity(model, moved, 11.0, 0.6)
-    note = ccpin.simulate(model, law, moved + 0.01, duration=0.01).notes[0]
-    assert "the core steps PDSimpleGravity where the motors sit on the independent joints" in note
-    assert "they are on joint3, joint4, not joint1, joint2" in note
+    """A law that the core knows, of motors whose u is not on q: it is that, not the law, which keeps it out."""
+    motors = ccpin.load("rpdr").description.motors
+    geared = tuple(replace(motor, gear=k) for motor, k in zip(motors, (50.0, -20.0), strict=True))
+    for mechanism, sit in (
+        (ccpin.load("rpdr", actuated=["joint3", "joint4"]), "joint3, joint4 with gears 1, 1"),
+        (ccpin.load(replace(ccpin.load("rpdr").description, motors=geared)), "joint1, joint2 with gears 50, -20"),
+    ):
+        model = ccpin.ReducedModel(mechanism)
+        moved = model.alpha(model.mechanism.q_reference)
+        law = control.PDSimpleGravity(model, moved, 11.0, 0.6)
+        note = ccpin.simulate(model, law, moved + 0.01, duration=0.01).notes[0]
+        assert "the core steps PDSimpleGravity of motors on joint1, joint2, in this order and of gear 1" in note
+        assert f"they are on {sit}" in note
 
 
 @built

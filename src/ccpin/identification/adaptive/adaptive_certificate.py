@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, instance, positive, whole
 from ccpin.control.stability.tracking.reference_tube import cut_along, theta_at_start
 from ccpin.control.stability.tracking.tracking_equations import ReferencePieces
-from ccpin.control.stability.tracking.tracking_error import bound_at_start, require_scalar
+from ccpin.control.stability.tracking.tracking_error import bound_at_start, require_motors_on_q, require_scalar
 from ccpin.control.stability.tracking.tube_certificate import TubeCertificate
 from ccpin.domain.closures.system import Reading
 from ccpin.errors import UnsupportedMechanismError
@@ -153,11 +153,7 @@ def _check(law: AdaptiveTracking) -> None:
             f"{mechanism.name}: the {plural.kind.name} joint '{plural.name}' has several freedoms, whose error has no "
             "size that does not depend on a chart; describe it as joints about one axis each"
         )
-    if law.model.actuation is not None:
-        raise UnsupportedMechanismError(
-            f"{mechanism.name}: the motors sit elsewhere than on the independent joints, so efforts that are held are "
-            "no constant force on q; load it with independent= set to the motors"
-        )
+    require_motors_on_q(law.model, "efforts that are held are no constant force on q")
     require_scalar(law.model)
     for name, gains in (("slope", law.slope), ("K", law.K)):
         if not np.array_equal(gains, np.diag(np.diag(gains))):

@@ -51,10 +51,10 @@ def _outside_the_core(model: ReducedModel, law: ControlLaw, method: str, plain: 
     if law_numbers(model, stated(law)) is None:
         told = stated(law)
         if told is not None and told.model is not None and told.model.actuation is not None:
-            sit = f"{', '.join(model.mechanism.actuated)}, not {', '.join(model.mechanism.independent)}"
-            return (
-                f"the core steps {type(law).__name__} where the motors sit on the independent joints: they are on {sit}"
-            )
+            own = told.model.mechanism
+            sit = f"{', '.join(own.actuated)} with gears {', '.join(f'{gear:g}' for gear in own.motors.gears)}"
+            name, joints = type(law).__name__, ", ".join(own.independent)
+            return f"the core steps {name} of motors on {joints}, in this order and of gear 1: they are on {sit}"
         return f"the core does not know {type(law).__name__}: it steps {KNOWN}"
     left = "the core left the motion to it, as σ fails, motors saturate or coordinates are changed on the way"
     return f"{left}; a motion on which they do not is stepped by the core"

@@ -11,6 +11,7 @@ from ccpin.control import ComputedTorque, PDPlus, PointToPoint, Waypoints, certi
 from ccpin.control.stability.tracking.error_equations import Feedback
 from ccpin.control.stability.tracking.on_line import SigmaKept
 from ccpin.control.stability.tracking.tracking_equations import ReferencePieces, TrackingEquations
+from ccpin.control.stability.tracking.tracking_error import _check
 from ccpin.control.stability.tracking.tube_claim import TubeKept
 from ccpin.covering.claims import proved_points
 from ccpin.proof.equations import Closures
@@ -400,6 +401,12 @@ def test_a_certificate_says_what_its_fact_does(known):
     own, law.reference = law.reference, PointToPoint(law.model, law.near.q, law.near.q + 0.3, 0.1)
     assert proof.verdict == "undecided"
     law.reference = own
+    plain = law.model.mechanism.description
+    motors = tuple(replace(motor, gear=gear) for motor, gear in zip(plain.motors, (50.0, -20.0), strict=True))
+    geared = ccpin.ReducedModel(ccpin.load(replace(plain, motors=motors)))
+    behind = ComputedTorque(geared, law.reference, law.K_p, law.K_v)
+    _check(behind)
+    assert replace(proof, law=behind).verdict == "proven"  # what is claimed is of forces on q
     sent = pickle.loads(pickle.dumps(proof))
     assert (proof.verdict, sent.verdict, sent.replay().verdict) == ("proven", "undecided", "proven")
     assert sent.replay().start == pytest.approx(proof.start, rel=1e-12)

@@ -211,14 +211,22 @@ def bound_at_start(value: ArrayLike, name: str, n: int) -> Array:
 def _check(law: TrackingLaw) -> None:
     """That the theorem is about this law and mechanism."""
     instance(law, "law", TrackingLaw)
-    mechanism = law.model.mechanism
     feedback_of(law)
-    if law.model.actuation is not None:
-        raise UnsupportedMechanismError(
-            f"{mechanism.name}: the motors sit elsewhere than on the independent joints, so an error of σ changes what "
-            "they exert too; load it with independent= set to the motors"
-        )
+    require_motors_on_q(law.model, "an error of σ changes what they exert too")
     require_scalar(law.model)
+
+
+def require_motors_on_q(model: ReducedModel, otherwise: str) -> None:
+    """That u is a force on q that depends on no configuration: motors on the independent joints, geared or not.
+
+    Raises:
+        UnsupportedMechanismError: One sits elsewhere, or an independent joint has none.
+    """
+    if set(model.mechanism.actuated) != set(model.mechanism.independent):
+        raise UnsupportedMechanismError(
+            f"{model.mechanism.name}: the motors sit elsewhere than on the independent joints, so {otherwise}; load it "
+            "with independent= set to the motors"
+        )
 
 
 def require_scalar(model: ReducedModel) -> None:
