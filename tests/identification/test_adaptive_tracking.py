@@ -265,6 +265,20 @@ def test_a_breakaway_level_is_dry_friction():
             law_of(model, adapted=adapted)
 
 
+def test_what_would_help_a_corner_is_told(rpdr):
+    """A factor of 0, and a link that is a point mass, which no bounds make a body."""
+    with pytest.raises(InvalidInputError, match=r"body:link1 = 0: .* definite; a factor must be above 0$"):
+        law_of(rpdr.model, adapted="body", bounds=1.0)
+    stated = rpdr.model.mechanism.description
+    links = [
+        replace(each, inertia=each.inertia and replace(each.inertia, rotational=np.zeros((3, 3))))
+        for each in stated.links
+    ]
+    model = ccpin.ReducedModel(ccpin.load(replace(stated, links=tuple(links))))
+    with pytest.raises(InvalidInputError, match="neither is what the model states of it"):
+        law_of(model, adapted="body:link4", bounds=0.1)
+
+
 def test_a_corner_that_no_body_has_is_refused(rpdr):
     """Body and corner by name: the least mass with the largest moment, Cauchy and Schwarz: h² ≤ m ∫x²."""
     values = dict(zip(rpdr.model.parameters.names, rpdr.model.parameters.values, strict=True))
@@ -293,6 +307,8 @@ def test_where_it_cannot_run(rpdr, plant):
     simulator.reset(rpdr.near.q)
     with pytest.raises(InvalidInputError, match=r"would be asked continuously: give sampling=Sampling\(0\.001\)"):
         simulator.law = rpdr
+    with pytest.raises(InvalidInputError, match=r"v has shape \(3,\)"):
+        rpdr.step(0.0, rpdr.near, np.zeros(3), rpdr.initial)
     run = rpdr.begin()
     run.torque(0.1, rpdr.near, np.zeros(2))
     with pytest.raises(InvalidInputError, match=r"a sample at t = 0\.05 s followed one at t = 0\.1 s"):

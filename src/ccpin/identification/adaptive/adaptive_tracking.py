@@ -127,7 +127,7 @@ class AdaptiveTracking(ModelLaw):
 
     def step(self, t: float, state: State | Measurement, v: Array, estimate: ArrayLike) -> AdaptiveStep:
         """One sample: u of an estimate π̂, of shape (k,), and the next estimate."""
-        own, wanted = self.own(state), self.reference.at(t)
+        own, wanted, v = self.own(state), self.reference.at(t), vector(v, "v", self.model.n)
         e, s = self.error(t, own.q), self.sliding(t, own.q, v)
         Y = own.regressor(v, wanted.a - self.slope @ (v - wanted.v), wanted.v - self.slope @ e)
         current, learnt = vector(estimate, "estimate", len(self.adapted)), Y @ self.basis

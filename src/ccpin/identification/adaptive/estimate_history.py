@@ -116,5 +116,6 @@ def _require_these(model: ReducedModel, efforts: Array, given: Array) -> None:
     if off > _APART * np.abs(given).max(initial=0.0):
         raise InvalidInputError(
             f"asked again, the law gives efforts {off:.3g} from the motion's: it is of another law, was run with "
-            "another sampling (give it), motors that lag, or has learnt before this motion begins"
+            "another sampling (give it), motors that lag or have other limits than the law's model states, or has "
+            "learnt before this motion begins"
         )

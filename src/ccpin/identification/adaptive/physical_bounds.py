@@ -133,9 +133,14 @@ def _require_bodies(parameters: DynamicParameters, box: ConstantBox) -> None:
             if not _positive(pseudo_inertia(box.known[body] + box.basis[body][:, inside] @ theta)):
                 name = parameters.names[body.start].partition(":")[2]
                 at = ", ".join(f"{box.names[k]} = {value:.6g}" for k, value in zip(inside, theta, strict=True))
+                remedy = f"narrow the bounds, or adapt its factor, body:{name}"
+                if box.names[inside[0]].startswith("body:"):
+                    remedy = "a factor must be above 0"
+                if not _positive(pseudo_inertia(parameters.values[body])):
+                    remedy = "neither is what the model states of it: give the link an inertia that a body can have"
                 raise InvalidInputError(
                     f"no body can have the constants of '{name}' at a corner of the bounds, {at}: its pseudo-inertia "
-                    "is not positive definite; narrow the bounds, or adapt its factor, body:" + name
+                    f"is not positive definite; {remedy}"
                 )
 
 
