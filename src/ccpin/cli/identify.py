@@ -38,7 +38,7 @@ example: ccpin identify rpdr --logs run1.csv run2.csv --out learnt.urdf --report
 
 _SIZES = ("found", "stated", "measured", "coulomb")
 _LATE = 4.0  # standard deviations of a delay that are told
-_CHAINED = 0.2  # of an autocorrelation that is told: smoothed motions bring about some hundredths, seldom a tenth
+_CHAINED = 0.2  # of an autocorrelation that is told: noise of encoders brings about less where that of efforts shows
 
 
 def add_identify(commands: Any) -> None:
@@ -120,8 +120,9 @@ def _identify(options: argparse.Namespace) -> int:
     for name, chained in zip(model.coordinates.names, estimate.autocorrelation, strict=True):
         if chained > _CHAINED:
             print(
-                f"what is left of the efforts at {name} hangs together from sample to sample (autocorrelation "
-                f"{chained:.2g}), which deviations count: noise, or a file's lengths, encoders or friction are wrong"
+                f"residuals at {name} are correlated from sample to sample (autocorrelation {chained:.2g}), which "
+                "deviations count: noise of efforts is coloured, or small beside that of encoders, or the file's "
+                "lengths, encoders' zeros or friction are wrong"
             )
     if estimate.outliers:
         print(f"left out, as efforts are grossly off: {len(estimate.outliers)} of the samples (--report names them)")

@@ -1,18 +1,18 @@
-"""The covariance of constants where noise of the efforts hangs together from sample to sample: coloured noise.
+"""The covariance of constants where noise of the efforts is coloured: correlated from sample to sample.
 
 With X = Σ^−½ W, e = Σ^−½ ε of covariances R(l) = E e_s e_{s+l}ᵀ and C = (XᵀX + PᵀP)⁻¹, least squares is off by
 C (Σ_s X_sᵀ e_s + Pᵀ e_p), e_p the prior's own errors, of
 
     Cov β̂ = C (Σ_l w_l Σ_s X_sᵀ R(l) X_{s+l} + PᵀP) C,    w_l = 1 − |l|/(L + 1),
 
-which is C where noise is white. R is that of what is left, over all pairs of samples l apart that both count;
+which is C where noise is white. R is that of the residuals, over all pairs of samples l apart that both count;
 weights that fall to zero keep the sum positive (W. Newey and K. West, A simple, positive semi-definite,
 heteroskedasticity and autocorrelation consistent covariance matrix, 1987). With a the largest autocorrelation of a row,
 
     L = 1.1447 (4 a² N / (1 − a²)²)^⅓
 
 suits noise of one lag (D. Andrews, Heteroskedasticity and autocorrelation consistent covariance matrix estimation,
-1991). Errors of the motion make what is left hang together, too, and `motion_errors` counts them: what is told is no
+1991). Errors of the motion correlate residuals, too, and `motion_errors` counts them: what is told is no
 smaller in any direction than with these and white noise, nor than this, and where a is below a tenth this is left out.
 """
 

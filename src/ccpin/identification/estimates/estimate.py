@@ -32,9 +32,9 @@ class Estimate(NamedTuple):
         covariance: Of the values, of shape (r, r).
         multiples: The values as multiples of all p constants, of shape (r, p).
         parameters: All constants looked at: those nearest the model's (in effect) that agree with the values.
-        effort_noise: Standard deviation of what is left of each row of ρᵀSᵀu, N m or N, of shape (n,).
-        autocorrelation: Of what is left of each row, from one sample to the next, of shape (n,). Where it is large
-            noise hangs together, which the covariance counts, or the model does not hold; 0 is no proof of it.
+        effort_noise: Standard deviation of the residuals of each row of ρᵀSᵀu, N m or N, of shape (n,).
+        autocorrelation: Of each row's residuals, from one sample to the next, of shape (n,). Where it is large noise
+            is coloured, which the covariance counts, or the model does not hold; 0 is no proof that it does.
         samples: How many counted, and how many were left out because a joint may have stood.
         outliers: Efforts that were left out, by the motor that explains them best; `off` in deviations of all rows.
         held_out: What constants found without a part of the samples make of it.

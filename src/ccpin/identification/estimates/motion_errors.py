@@ -2,7 +2,7 @@
 
 Off the true motion by δq⁽ᵈ⁾, of each log's spline (`SplineErrors`), samples are off by −L δ with
 L = ∂(Y π − ρᵀSᵀu)/∂(q, q̇, q̈), and least squares with C = (Wᵀ Σ⁻¹ W + Pᵀ P)⁻¹ by −C Σ_t Wᵀ Σ⁻¹ L δ to first order: an
-error that hangs together over many samples, though little of it shows in what is left. Counted with what is left,
+error that is correlated over many samples, though little of it shows in the residuals. Counted with these,
 
     Cov β̂ = C + C S C,    S = Cov Σ_t Wᵀ Σ⁻¹ L δ
 

@@ -8,8 +8,8 @@ no use for what efforts do only in time. Here a log is cut into shots between re
 over the numbers θ and the start x₀ = (q, q̇) of every shot (multiple shooting; H. Bock, Recent advances in parameter
 identification techniques for O.D.E., 1983), q moved by the efforts as measured, splines between samples
 (`shooting`). Starts are eliminated shot by shot, J = J_θ less what J_x₀ explains, and Gauss and
-Newton's steps are halved while the sum grows. Noise in efforts moves a whole shot one way, so that what is left hangs
-together within shots, but not between them: with g_s = J_sᵀ r_s the covariance is
+Newton's steps are halved while the sum grows. Noise in efforts moves a whole shot one way, so that residuals are
+correlated within shots, but not between them: with g_s = J_sᵀ r_s the covariance is
 
     (JᵀJ)⁻¹ (Σ_s g_s g_sᵀ) (JᵀJ)⁻¹ · S / (S − k)
 

@@ -67,7 +67,7 @@ class Smoothed(NamedTuple):
         noise: Standard deviation of each position's and velocity's column about the motion, by name: far above what
             the sensor has where sensors contradict one another, or the closures.
         outliers: Samples that were left out.
-        errors: How errors of q, q̇ and q̈ at all times hang together.
+        errors: How errors of q, q̇ and q̈ at all times are correlated.
     """
 
     t: Array
