@@ -129,6 +129,7 @@ def test_what_nothing_can_be_learnt_from_is_told(bench):
         ([], "no log"),
         (Log(log.t, {name: column for name, column in log.columns.items() if name != "u_joint2"}), "u_joint2"),
         (log.between(0.0, 0.08), "too few"),
+        (Log(log.t, {name: column * (name[0] == "q") for name, column in log.columns.items()}), "all efforts are 0"),
         ([log, bench.log(1), Log(log.t, dict(log.columns), "copy")], r"logs\[0\] and logs\[2\] are one"),
     ):
         with pytest.raises(InvalidInputError, match=told):

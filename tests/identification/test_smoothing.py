@@ -174,7 +174,7 @@ def test_what_cannot_be_smoothed_is_told(model, motion):
     ):
         with pytest.raises(InvalidInputError, match=told):
             smoothed(log, model)
-    for wrong in ({"noise": {"u_joint1": 1.0}}, {"noise": {"q_joint1": 0.0}}, {"spacing": -1.0}):
+    for wrong in ({"noise": {"u_joint1": 1.0}}, {"noise": {"q_joint1": 0.0}}, {"spacing": -1.0}, {"spacing": 1e-9}):
         with pytest.raises(InvalidInputError):
             smoothed(Log(T, columns), model, **wrong)
 

@@ -109,7 +109,7 @@ ROOMS: tuple[Room, ...] = (
         ),
         places=tuple(
             f"TubeCertificate.{name}"
-            for name in ("_known", "replay", "_found", "_bounds", "times", "errors", "error", "ultimate")
+            for name in ("_known", "_is_of_law", "replay", "_found", "_bounds", "times", "errors", "error", "ultimate")
         ),
     ),
     Room(

@@ -109,7 +109,8 @@ def identify(
     Raises:
         InvalidInputError: No log, or one twice, an effort was not measured, too few samples to tell anything, a prior
             of what is not looked for, a Stribeck effect of joints without friction, motors that are not as many as
-            coordinates, nothing that fixes their scale, or what was added is not told of each log, or of no constant.
+            coordinates, nothing that fixes their scale, efforts that are all 0, or what was added is not told of each
+            log, or of no constant.
         UnsupportedMechanismError: A coordinate is a ball or a circle.
         ConvergenceError: Clocks that are so far apart that setting them right does not settle, or motors' constants.
     """
@@ -238,6 +239,8 @@ def _rows(model: ReducedModel, samples: Sequence[EffortSamples], found: Effects,
     values[found.columns] = 0.0
     others = replace(model.parameters, values=values)
     tau = np.concatenate([each.force - each.Y @ others.plus(each.added).values for each in samples])
+    if not (tau.any() or len(known.columns)):
+        raise InvalidInputError("all efforts are 0: constants are told by what motors exert")
     W = np.concatenate([found.reduced(each.Y) for each in samples]).reshape(*tau.shape, -1)
     places = np.searchsorted(found.columns, known.columns)
     P = found.basis[places] / (found.scale[places] * known.deviations)[:, None]

@@ -43,6 +43,7 @@ _LEAST = 1e-14  # of the largest number, or of a radian or metre: rounding
 _ROUNDED = 1e-9  # of a time between samples
 _REACH = 2.0  # usual times between two samples: what is farther from any position is not looked at
 _MOST_KNOTS = 2000
+_FINEST = 10  # knots a sample: more than that is a mistake in units
 _ITERATIONS, _CLOSE = 30, 1e-9
 
 
@@ -126,7 +127,8 @@ def smoothed(
         smoothness: The penalty's weight over what cross-validation or noise asks for: less has less bias.
 
     Raises:
-        InvalidInputError: A coordinate is not measured, a column is of no joint, or there are too few samples.
+        InvalidInputError: A coordinate is not measured, a column is of no joint, there are too few samples, or more
+            than ten knots for each.
         UnsupportedMechanismError: A coordinate is a ball or a circle.
         ConvergenceError: Fitting all sensors together did not converge.
         ConfigurationNotFoundError: Smoothed coordinates are out of reach.
@@ -144,7 +146,9 @@ def smoothed(
         own = [log.t[~np.isnan(log.columns[f"q_{part.name}"])] for part in parts]
         usual = max((float(np.median(np.diff(times))) for times in own if len(times) > 1), default=0.0)
         spacing = max(2.0 * usual, (log.t[-1] - log.t[0]) / _MOST_KNOTS)
-    knots = Knots.over(log.t[0], log.t[-1], positive(spacing, "spacing", "a time in seconds"))
+    elif positive(spacing, "spacing", "a time in seconds") * len(log.t) * _FINEST < log.t[-1] - log.t[0]:
+        raise InvalidInputError(f"spacing = {spacing:g} s is far below the time between samples of {log!r}")
+    knots = Knots.over(log.t[0], log.t[-1], spacing)
     basis = [knots.basis(log.t, d) for d in range(3)]
     measured = {name: column for name, column in log.columns.items() if name[0] != "u"}
     alone, outliers = {}, []
