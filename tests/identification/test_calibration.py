@@ -265,6 +265,14 @@ TRACKER = Sensor.tracker("link3")
         ([(ENCODERS, np.zeros((5, 2))), (Sensor.tracker("table"), np.zeros((5, 3)))], {}, "'table' is no link"),
         ([(Sensor.encoders(["joint1", "joint2", "elbow"]), np.zeros((5, 3)))], {}, "'elbow' is no joint"),
         ([(Sensor.tracker("link3", turn_noise=1e-3), np.zeros((5, 3))), (ENCODERS, np.zeros((5, 2)))], {}, "4, 4"),
+        *(
+            (
+                [(Sensor.tracker("link3", turn_noise=1e-3), [np.eye(4), np.diag(axes)]), (ENCODERS, np.zeros((2, 2)))],
+                {},
+                "block of pose 1 is no rotation",
+            )
+            for axes in ((1.0, 1.0, -1.0, 1.0), (2.0, 2.0, 2.0, 1.0), (0.0, 0.0, 0.0, 1.0))
+        ),
         (["rpdr"], {}, "a Sensor"),
         (None, {"parameters": ["rods"]}, "no 'rods'"),
         (None, {"known": ["rods"]}, "no 'rods'"),

@@ -28,6 +28,8 @@ from ccpin.identification.calibration.sensor_frames import best_frame, turn_betw
 from ccpin.programs.recording.constants import Parameter
 from ccpin.programs.tape import Expression
 
+_SKEWED = 1e-3  # of RᵀR − 1: what is more is no rotation that was rounded
+
 
 class LeftOver(NamedTuple):
     """What a sensor leaves, and what it is to first order.
@@ -64,7 +66,7 @@ class SensorKind(Record):
         """What it said, a row a pose, NaN where it said nothing.
 
         Raises:
-            InvalidInputError: A wrong shape, or what is not finite but not a whole row of NaN.
+            InvalidInputError: A wrong shape, what is not finite but not a whole row of NaN, a pose that is none.
         """
         return _rows(measured, self.name, len(self.noise))
 
@@ -179,7 +181,14 @@ class Tracker(OnLink):
         given = numbers(measured, self.name)
         if given.ndim != 3 or given.shape[1:] != (4, 4):
             raise InvalidInputError(f"{self.name}: poses must be of shape (N, 4, 4), not {given.shape}")
-        return _rows(np.concatenate([given[:, :3, 3], given[:, :3, :3].reshape(-1, 9)], axis=1), self.name, 12)
+        rows = _rows(np.concatenate([given[:, :3, 3], given[:, :3, :3].reshape(-1, 9)], axis=1), self.name, 12)
+        axes = rows[:, 3:].reshape(-1, 3, 3)
+        wrong = np.abs(axes.transpose(0, 2, 1) @ axes - np.eye(3)).max(axis=(1, 2)) > _SKEWED
+        wrong |= np.einsum("Ni,Ni->N", np.cross(axes[:, 0], axes[:, 1]), axes[:, 2]) < 0.0
+        if wrong.any():
+            pose = int(np.argmax(wrong))
+            raise InvalidInputError(f"{self.name}: the upper left 3×3 block of pose {pose} is no rotation matrix")
+        return rows
 
     def unknowns(self, model: ReducedModel) -> tuple[Parameter, ...]:
         """Where it stands, and where the target is."""
