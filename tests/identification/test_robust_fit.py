@@ -75,7 +75,8 @@ def test_outliers_of_efforts_are_named_by_their_motor(bench):
     for name, places in at.items():
         columns[name] = np.array(columns[name])
         columns[name][places] += 1.0
-    found = identify(bench.model, Log(log.t, columns))
+    found = identify(bench.model, [Log(log.t, columns, "spoilt"), bench.log(0)])
+    assert {each.log for each in found.outliers} == {"spoilt"}
     named = {(each.column, round(each.t, 9)) for each in found.outliers}
     assert named == {(name, round(log.t[k], 9)) for name, places in at.items() for k in places}
     assert np.abs((found.values - found.stated) / found.deviations).max() < 4.5

@@ -107,6 +107,7 @@ def test_outliers_are_named_and_gaps_bridged(model, motion):
     spoilt[150:160] = np.nan
     found = smoothed(Log(T, columns | {"q_joint1": spoilt}), model)
     assert [(each.column, each.t) for each in found.outliers] == [("q_joint1", T[k]) for k in (40, 41, 300)]
+    assert {each.log for each in found.outliers} == {"a log"}
     assert np.abs(found.q - motion[0]).max() < 2.0 * NOISE
 
 

@@ -165,8 +165,8 @@ def _noise(estimate: Estimate) -> str:
     rows = [[f"`{name}`", f"{level:.3g}"] for motion in estimate.motions for name, level in motion.noise.items()]
     efforts = ", ".join(f"{level:.3g}" for level in estimate.effort_noise)
     outliers = [*estimate.outliers, *(each for motion in estimate.motions for each in motion.outliers)]
-    named = [[f"`{each.column}`", f"{each.t:.6g}", f"{each.off:.1f}"] for each in outliers[:50]]
+    named = [[each.log, f"`{each.column}`", f"{each.t:.6g}", f"{each.off:.1f}"] for each in outliers[:50]]
     body = paragraphs(f"Standard deviation of the residuals, coordinate by coordinate: {efforts} N m or N.")
     body += table(["column", "standard deviation about the motion"], rows)
     told = f"Samples left out as outliers: {len(outliers)}" + (", the first of them:" if len(outliers) > 50 else ".")
-    return body + paragraphs(told) + (table(["column", "t, s", "deviations"], named) if named else "")
+    return body + paragraphs(told) + (table(["log", "column", "t, s", "deviations"], named) if named else "")

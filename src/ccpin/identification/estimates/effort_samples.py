@@ -79,20 +79,20 @@ def autocorrelation(samples: Sequence[EffortSamples], left: Array, counted: Mask
 
 
 def effort_outliers(
-    model: ReducedModel, samples: Sequence[EffortSamples], fit: RobustFit, left: Array
+    model: ReducedModel, samples: Sequence[EffortSamples], logs: Sequence[str], fit: RobustFit, left: Array
 ) -> Iterator[Outlier]:
     """Samples that a fit leaves out, by the motor whose effort alone explains most of it.
 
     A motor that is off by e adds e b to what is left, b its column of ρᵀSᵀ: the b taken is that nearest to it, rows
-    counted by their deviations.
+    counted by their deviations. `logs` are the samples' names.
     """
     motors, first = np.eye(len(model.mechanism.actuated)), 0
-    for each in samples:
+    for each, log in zip(samples, logs, strict=True):
         for k in np.flatnonzero(~fit.counted[first : first + len(each.chosen)]).tolist():
             state = model.at(each.motion.q[each.chosen[k]])
             felt = np.array([state.generalized_force(motor) for motor in motors]) / fit.deviation
             size = np.maximum(np.linalg.norm(felt, axis=1), np.finfo(float).tiny)
             worst = int(np.argmax(np.abs(felt @ (left[first + k] / fit.deviation)) / size))
             name = f"u_{model.mechanism.actuated[worst]}"
-            yield Outlier(name, float(each.t[k]), float(fit.off[first + k]))
+            yield Outlier(name, float(each.t[k]), float(fit.off[first + k]), log)
         first += len(each.chosen)

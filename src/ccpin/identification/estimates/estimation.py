@@ -296,7 +296,7 @@ def _estimate(
         fit.deviation,
         chained,
         (int(own.sum()), sum(each.left for each in samples)),
-        tuple(effort_outliers(model, samples, fit, rows.left(best.beta))),
+        tuple(effort_outliers(model, samples, [each.log for each in late], fit, rows.left(best.beta))),
         unseen,
         late,
         tuple(each.motion for each in samples),

@@ -163,7 +163,7 @@ def _cut(
 ) -> tuple[list[MotionShot], Array, list[Mapping[str, float]]]:
     """Shots, where the smoothed motions have them begin, and what was added."""
     shots, starts, loads = [], [], list[Mapping[str, float]]()
-    spoilt = {each.t for each in estimate.outliers}
+    spoilt = {(each.log, each.t) for each in estimate.outliers}
     for log, late, motion, added in zip(logs, estimate.delays, estimate.motions, estimate.added, strict=True):
         on_time = log.delayed({"u": late.taken}) if late.taken else log
         if not np.array_equal(on_time.t, motion.t):
@@ -179,7 +179,7 @@ def _cut(
             first = rows[0]
             count = max(1, int(np.ceil((motion.t[rows[-1]] - motion.t[first]) / horizon)))
             for part in np.array_split(rows, count):
-                if len(part) < _LEAST or spoilt & set(motion.t[part].tolist()):
+                if len(part) < _LEAST or spoilt & {(late.log, t) for t in motion.t[part].tolist()}:
                     continue
                 t, u = motion.t[part], motion.u[part]
                 between = make_interp_spline(t, u, 3)((t[1:] + t[:-1]) / 2.0)

@@ -48,11 +48,12 @@ _ITERATIONS, _CLOSE = 30, 1e-9
 
 
 class Outlier(NamedTuple):
-    """A sample that was left out: its column, its time in s, and how many standard deviations it is off."""
+    """A sample that was left out: its column, its time in s, how many standard deviations it is off, and its log."""
 
     column: str
     t: float
     off: float
+    log: str
 
 
 class Smoothed(NamedTuple):
@@ -152,9 +153,9 @@ def smoothed(
     basis = [knots.basis(log.t, d) for d in range(3)]
     measured = {name: column for name, column in log.columns.items() if name[0] != "u"}
     alone, outliers = {}, []
-    for name, column in measured.items():
+    for name in measured:
         stated = positive(known[name], f"the noise of '{name}'") if name in known else None
-        alone[name], found = _alone(name, log.t, column, knots, basis[0], stated, smoothness)
+        alone[name], found = _alone(name, log, knots, basis[0], stated, smoothness)
         outliers += found
     weights = np.array([alone[f"q_{part.name}"].weight for part in parts])
     penalty = sparse.kron(knots.roughness(), sparse.diags_array(weights)).tocsr()
@@ -187,10 +188,11 @@ def _deviations(inverse: Array, design: Any, n: int) -> Array:
 
 
 def _alone(
-    name: str, t: Array, column: Array, knots: Knots, basis: Any, stated: float | None, smoothness: float
+    name: str, log: Log, knots: Knots, basis: Any, stated: float | None, smoothness: float
 ) -> tuple[_Alone, list[Outlier]]:
     """A column smoothed by itself; samples beyond five standard deviations go, the worst of each stretch first."""
-    roughness, kept, outliers = knots.roughness(), ~np.isnan(column), list[Outlier]()
+    column, roughness, outliers = log.columns[name], knots.roughness(), list[Outlier]()
+    kept = ~np.isnan(column)
     reach = 2.0 * (knots.t[1] - knots.t[0])
     while True:
         if kept.sum() <= DEGREE:
@@ -202,12 +204,12 @@ def _alone(
         about = 1.4826 * median_filter(np.abs(fit.residuals), _ABOUT, mode="nearest")
         least = _LEAST * max(float(np.abs(y).max()), 1.0)
         off = np.abs(fit.residuals) / np.maximum(about, max(stated or 0.0, usual, least))
-        times = t[kept]
+        times = log.t[kept]
         worst = [k for k in np.flatnonzero(off > _BEYOND) if off[k] >= off[np.abs(times - times[k]) <= reach].max()]
         if not worst:
             scale = stated or max(float(np.sqrt(fit.residuals @ fit.residuals / left)), least)
             return _Alone(kept, scale, weight / scale**2, fit), outliers
-        outliers += [Outlier(name, float(times[k]), float(off[k])) for k in worst]
+        outliers += [Outlier(name, float(times[k]), float(off[k]), log.source) for k in worst]
         kept = kept.copy()
         kept[np.flatnonzero(kept)[worst]] = False
 
