@@ -117,10 +117,10 @@ def test_constants_are_written_into_a_description_and_read_again(bench, tmp_path
     path = tmp_path / "learnt.urdf"
     write_description(with_constants(bench.model, changed), path)
     assert np.allclose(ccpin.ReducedModel(ccpin.load(path)).parameters.values, values, rtol=1e-9, atol=1e-12)
-    impossible = np.array(values)
-    impossible[0] = -1.0
-    with pytest.raises(InvalidInputError, match="mass"):
-        with_constants(bench.model, type(parameters)(parameters.names, parameters.kinds, parameters.units, impossible))
+    for name in ("mass:link1", "armature:joint1", "damping:joint2", "friction:joint3", "stiffness:joint4"):
+        kind, _, where = name.partition(":")
+        with pytest.raises(InvalidInputError, match=f"'{where}' would have a {kind}|'{name}' would be -"):
+            with_constants(bench.model, changed.plus({name: -1.0}))
 
 
 def test_what_nothing_can_be_learnt_from_is_told(bench):

@@ -17,6 +17,9 @@ from ccpin.errors import InvalidInputError
 from ccpin.kinematics.tree import ROOT_JOINT, build_tree
 from ccpin.mechanism.mechanism import Mechanism
 
+AT_LEAST_ZERO = ("armature", "damping", "friction", "stiffness")
+"""Kinds of constants of joints that are not negative."""
+
 
 def with_constants(model: ReducedModel | Mechanism, parameters: DynamicParameters) -> MechanismDescription:
     """What the model's file says, with other constants: to be loaded, or written by `ccpin.description`.
@@ -25,8 +28,9 @@ def with_constants(model: ReducedModel | Mechanism, parameters: DynamicParameter
     joint with a Stribeck speed, which stays, the breakaway level.
 
     Raises:
-        InvalidInputError: The constants are another mechanism's, a spring has an offset and no stiffness, or a body has
-            no mass or moments that no body has (`ccpin.identification.consistent` finds such as have).
+        InvalidInputError: The constants are another mechanism's, a spring has an offset and no stiffness, a rotor,
+            damper, dry friction or spring is negative, or a body has no mass or moments that no body has
+            (`ccpin.identification.consistent` finds such as have).
     """
     model = model_of(model)
     stated, tree, description = model.parameters, model.mechanism.tree, model.mechanism.description
@@ -47,6 +51,8 @@ def with_constants(model: ReducedModel | Mechanism, parameters: DynamicParameter
         links[name] = replace(links[name], inertia=Inertia(own.mass, own.lever, own.inertia))
     changes: dict[str, dict[str, float]] = {}
     for kind, name, value in zip(stated.kinds, stated.names, parameters.values.tolist(), strict=True):
+        if kind in AT_LEAST_ZERO and value < 0.0:
+            raise InvalidInputError(f"'{name}' would be {value:.3g}, and may not be negative")
         if kind not in INERTIAL:
             changes.setdefault(name.partition(":")[2], {})[kind] = value
     for name, change in changes.items():

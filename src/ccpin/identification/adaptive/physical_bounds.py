@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, least_eigenvalue, positive, records, vector
-from ccpin.dynamics.changed_constants import bodies
+from ccpin.dynamics.changed_constants import AT_LEAST_ZERO, bodies
 from ccpin.dynamics.parameters import DynamicParameters
 from ccpin.errors import InvalidInputError
-
-_AT_LEAST_ZERO = ("armature", "damping", "stiffness")
 
 
 class ConstantBox(NamedTuple):
@@ -80,7 +78,7 @@ def constant_box(
     for name, below, above in zip(names, lower.tolist(), upper.tolist(), strict=True):
         if not below < above:
             raise InvalidInputError(f"bounds of {name}: {below:g} is not less than {above:g}")
-        if name.partition(":")[0] in _AT_LEAST_ZERO and below < 0.0:
+        if name.partition(":")[0] in AT_LEAST_ZERO and below < 0.0:
             raise InvalidInputError(f"bounds of {name}: {below:g} is negative")
     known = np.where((basis != 0.0).any(axis=1), 0.0, parameters.values)
     known[parameters.of("friction", "stribeck")] = 0.0
