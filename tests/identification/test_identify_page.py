@@ -48,6 +48,22 @@ def test_a_prior_that_says_nothing_is_told(bench, tmp_path, capsys):
     assert "the noise of 'q_joint1' = 'abc' must be a positive number" in capsys.readouterr().err
 
 
+def test_the_example_of_columns_names_all_that_count(bench, tmp_path, capsys):
+    """A file with other names, positions in degrees and currents, read as the help says."""
+    with pytest.raises(SystemExit):
+        main(["identify", "--help"])
+    (line,) = [each.split() for each in capsys.readouterr().out.splitlines() if " --columns q_" in each]
+    named = dict(each.split("=") for each in line if each[:2] in ("q_", "u_"))
+    log = bench.log(0)
+    scale = {"q": np.degrees(1.0), "u": 1.0 / 0.35}
+    table = np.column_stack([log.t, *(log.columns[name] * scale[name[0]] for name in named)])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header=",".join(["t", *named.values()]), comments="")
+    read = Log.read(tmp_path / "run.csv", columns=named, units={"q": "deg", "u": 0.35})
+    assert all(np.allclose(read.columns[name], log.columns[name], rtol=1e-12) for name in named)
+    assert {f"u_{name}" for name in bench.model.mechanism.actuated} <= set(named)
+    assert {f"q_{name}" for name in bench.model.mechanism.independent} <= set(named)
+
+
 def test_what_is_no_table_is_told_before_motions_are_tried(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("ccpin.cli.excite.excitation", None)
     box = ["--lower-deg", "-110", "-110", "--upper-deg", "-70", "-70"]

@@ -31,7 +31,7 @@ _EXAMPLES = """\
 example: ccpin identify rpdr --logs run1.csv run2.csv --out learnt.urdf --report learnt.html
          ccpin identify rpdr --logs run.mcap --kinds inertia friction
          ccpin identify rpdr --logs run.csv --stribeck --report learnt.html
-         ccpin identify rpdr --logs run.csv --columns q_joint1=left u_joint1=amps --units q=deg u=0.35
+         ccpin identify rpdr --logs a.csv --columns q_joint1=q1 q_joint2=q2 u_joint1=i1 u_joint2=i2 --units q=deg u=0.35
          ccpin identify rpdr --logs run.csv --motors 10% --prior inertia=5%
          ccpin identify rpdr --logs run.csv loaded.csv --motors --added loaded.csv mass:link3=0.5 mx:link3=0.1"""
 
@@ -47,7 +47,7 @@ def add_identify(commands: Any) -> None:
     add_mechanism(parser)
     files = ".csv, .parquet, .npz, .mat, .mcap, .db3, .bag or rosbag2 folders"
     complete(parser.add_argument("--logs", nargs="+", type=Path, required=True, metavar="LOG", help=files), shtab.FILE)
-    ours = "which of a file's columns q_JOINT, v_JOINT, u_JOINT are"
+    ours = "which of a file's columns q_JOINT, v_JOINT, u_JOINT are; others are then left out"
     parser.add_argument("--columns", nargs="+", metavar="OURS=THEIRS", help=ours)
     units = "in which unit columns, or all of q, v, u, are: deg, rev, mm, rpm, deg/s, N mm …, or a factor"
     parser.add_argument("--units", nargs="+", metavar="NAME=UNIT", default=(), help=units)

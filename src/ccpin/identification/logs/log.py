@@ -90,8 +90,8 @@ class Log(Record):
 
         Args:
             path: The file, or a rosbag2 folder.
-            columns: Which of the file's columns each of the log's is, ``{"q_hip": "left/position"}``; by default those
-                that are called ``q_…``, ``v_…``, ``u_…``.
+            columns: Which of the file's columns each of the log's is, ``{"q_hip": "left/position"}``, others being
+                left out; by default those that are called ``q_…``, ``v_…``, ``u_…``.
             units: In what unit a column of the log, or a quantity (``"q"``), is written, where that is not SI: one of
                 deg, rev, mm, deg/s, rpm, rev/s, mm/s, N mm, or a factor (N m per ampere, say).
             time: The column of times, seconds; by default ``t``, ``time`` or ``tout``.
