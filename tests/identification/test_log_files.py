@@ -22,9 +22,11 @@ def same(log, q=Q, u=U):
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_what_is_saved_is_read_again_to_the_bit(tmp_path, suffix):
-    log = Log(T, {"q_hip": Q, "u_hip": U})
+    log = Log(T, {"q_hip": Q, "u_hip": U, 'q_"left", knee': 2.0 * Q})
     log.save(tmp_path / f"log{suffix}")
-    same(Log.read(tmp_path / f"log{suffix}"))
+    again = Log.read(tmp_path / f"log{suffix}")
+    same(again)
+    assert np.array_equal(again.columns['q_"left", knee'], 2.0 * Q)
 
 
 def test_columns_units_and_separators_are_as_the_file_has_them(tmp_path):
@@ -131,6 +133,7 @@ def test_what_is_no_log_is_refused(tmp_path):
         {"units": {"q": "rpm"}},
         {"units": {"q_hpi": "deg"}},
         {"units": {"u": 0.35}},
+        {"units": {"q": 0.0}},
         {"time": "clock"},
         {"columns": {"hip": "q_hip"}},
     ):

@@ -98,7 +98,7 @@ class Log(Record):
 
         Raises:
             InvalidInputError: The file is none of these, damaged, or has no such column; a table's times do not rise; a
-                unit is unknown, of another quantity, or of no column; a package for it is not installed.
+                unit is unknown, 0, of another quantity, or of no column; a package for it is not installed.
         """
         if not isinstance(path, str | Path):
             raise InvalidInputError(f"a log to read must be a path, not {type(path).__name__}")
@@ -241,4 +241,7 @@ def _factor(name: str, units: Mapping[str, str | float]) -> float:
         if unit not in known:
             raise InvalidInputError(f"'{name}' is in no unit {unit!r}; known are {', '.join(known)}, or a factor")
         return known[unit]
-    return number(unit, f"the unit of '{name}'")
+    factor = number(unit, f"the unit of '{name}'")
+    if not factor:
+        raise InvalidInputError(f"the unit of '{name}' must not be 0")
+    return factor

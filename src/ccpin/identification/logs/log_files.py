@@ -80,7 +80,8 @@ def write_table(table: Mapping[str, Array], path: Path) -> None:
     else:
         rows = zip(*table.values(), strict=True)
         lines = [",".join("" if math.isnan(value) else repr(float(value)) for value in row) for row in rows]
-        write_text(path, "\n".join([",".join(table), *lines, ""]))
+        head = (f'"{name.replace(chr(34), 2 * chr(34))}"' if set(name) & {",", '"'} else name for name in table)
+        write_text(path, "\n".join([",".join(head), *lines, ""]))
 
 
 def table_target(path: Path) -> Path:
