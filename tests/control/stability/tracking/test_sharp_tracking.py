@@ -424,16 +424,19 @@ def test_bounds_that_are_given():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"scalar": False}, {"constant": False}, {"actuation": 1}, {"law": TrackingLaw}, {"law": PDOnlineGravity}]
-)
+    "wrong",
+    [
+        {"scalar": False}, {"constant": False}, {"actuated": ("a", "c")}, {"actuated": ("a",)},
+        {"law": TrackingLaw}, {"law": PDOnlineGravity},
+    ],
+)  # fmt: skip
 def test_what_the_theorem_is_about(monkeypatch, wrong):
-    """Scalar coordinates that stay, and motors on them."""
+    """Scalar coordinates that stay, and motors on them, in any order."""
     kinds = {ComputedTorque: "computed_torque", PDPlus: "pd_plus", PDOnlineGravity: "pd_gravity"}
     monkeypatch.setattr(reference_tube, "kind_of", lambda law: kinds.get(type(law)))
     coordinates = SimpleNamespace(scalar=wrong.get("scalar", True), constant=wrong.get("constant", True))
-    model = SimpleNamespace(
-        mechanism=SimpleNamespace(name="m"), coordinates=coordinates, actuation=wrong.get("actuation")
-    )
+    mechanism = SimpleNamespace(name="m", independent=("a", "b"), actuated=wrong.get("actuated", ("b", "a")))
+    model = SimpleNamespace(mechanism=mechanism, coordinates=coordinates)
     kind = wrong.get("law", ComputedTorque)
     made = object.__new__(type("Other", (kind,), {"_force": lambda *_: None}) if kind is TrackingLaw else kind)
     vars(made).update(model=model, K_p=None, K_v=None)
@@ -442,6 +445,7 @@ def test_what_the_theorem_is_about(monkeypatch, wrong):
     for kind in (ComputedTorque, PDPlus):
         fine = object.__new__(kind)
         plain = SimpleNamespace(scalar=True, constant=True)
-        model = SimpleNamespace(mechanism=None, coordinates=plain, actuation=None)
+        mechanism = SimpleNamespace(independent=("a", "b"), actuated=("b", "a"))
+        model = SimpleNamespace(mechanism=mechanism, coordinates=plain)
         vars(fine).update(model=model, K_p=None, K_v=None)
         tracking_error._check(fine)
