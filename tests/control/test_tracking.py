@@ -212,3 +212,5 @@ def test_what_cannot_be_tracked_is_refused(models):
         ComputedTorque(models["rpdr"], Hold(models["rpdr"], MOVES["rpdr"][1]), [1.0, -1.0], [1.0, 1.0])
     with pytest.raises(InvalidInputError, match="offset"):
         WithSigmaError(law_for(models["rpdr"], PDPlus), [0.1])
+    with pytest.raises(InvalidInputError, match="v has shape"):
+        law_for(models["rpdr"], PDPlus).torque(0.0, models["rpdr"].at(MOVES["rpdr"][1]), [0.0])

@@ -341,7 +341,8 @@ def test_what_is_asked_of_motors_is_what_they_have(certificate):
     ("change", "said"),
     [
         ({"period": 0.02}, "regular|shorter period"),
-        ({"period": 0.024}, "shorter than the period"),
+        ({"period": 0.024}, "shorter than the law's period: fewer cells="),
+        ({"period": 2.0}, "a shorter period= is needed"),
         ({"bounds": 0.5}, "smaller box"),
     ],
 )

@@ -69,3 +69,5 @@ def test_what_is_no_table_is_told_before_motions_are_tried(tmp_path, monkeypatch
     box = ["--lower-deg", "-110", "-110", "--upper-deg", "-70", "-70"]
     assert main(["excite", "rpdr", *box, "--speed", "3", "--out", str(tmp_path / "m.txt")]) == 1
     assert "must end in .csv or .parquet" in capsys.readouterr().err
+    assert main(["identify", "rpdr", "--logs", "none.csv", "--out", "learnt.txt"]) == 1
+    assert "the suffix of 'learnt.txt' names none of urdf" in capsys.readouterr().err

@@ -13,7 +13,7 @@ import shtab
 from ccpin.cli.command import add_command, complete, positive
 from ccpin.cli.options import add_mechanism, load
 from ccpin.cli.progress import busy
-from ccpin.description.formats import write_description
+from ccpin.description.formats import format_written, write_description
 from ccpin.description.names import choices
 from ccpin.dynamics.changed_constants import with_constants
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -75,6 +75,8 @@ def add_identify(commands: Any) -> None:
 
 def _identify(options: argparse.Namespace) -> int:
     model = ReducedModel(load(options))
+    if options.out:
+        format_written(options.out)
     columns = dict(_pairs(options.columns, "--columns")) if options.columns else None
     units = {name: _number(unit) for name, unit in _pairs(options.units, "--units")}
     noise = {name: _number(level) for name, level in _pairs(options.noise, "--noise")}

@@ -69,7 +69,7 @@ class TrackingLaw(ModelLaw):
 
         The State is of the law's own model.
         """
-        wanted = self.reference.at(t)
+        wanted, v = self.reference.at(t), vector(v, "v", self.model.n)
         e = self.model.coordinates.difference(q, wanted.q)
         return state.efforts(self._force(wanted, e, wanted.v - v, v, state))
 

@@ -242,6 +242,23 @@ def _refuse_xacro(source: Source) -> None:
         raise fail(source.root, message)
 
 
+def format_written(path: str | Path, format: str | None = None) -> str:
+    """The format that a file is to be written in: the one named, or what its suffix stands for.
+
+    Raises:
+        InvalidInputError: There is none, or the path is no path.
+    """
+    if not isinstance(path, str | Path):
+        raise InvalidInputError(f"a file to write must be a path, not {type(path).__name__}")
+    wanted = format_of(path) if format is None else format
+    if not isinstance(wanted, str) or wanted not in FORMATS:
+        told = f"format {format!r:.80}" if format is not None else f"the suffix of '{path}'"
+        raise InvalidInputError(
+            f"{told} names none of {', '.join(FORMATS)}; say which: format=, or --to on the command line"
+        )
+    return wanted
+
+
 LOOPS = ("as_stated", "tight")
 """How softly MuJoCo is told to hold loops."""
 MESHES = ("kept", "copied")
@@ -280,14 +297,7 @@ def write_description(
     for word, value, known in (("loops", loops, LOOPS), ("meshes", meshes, MESHES)):
         if value not in known:
             raise InvalidInputError(f"{word}={value!r:.80} is none of {', '.join(known)}")
-    if not isinstance(path, str | Path):
-        raise InvalidInputError(f"a file to write must be a path, not {type(path).__name__}")
-    wanted = format_of(path) if format is None else format
-    if not isinstance(wanted, str) or wanted not in FORMATS:
-        told = f"format {format!r:.80}" if format is not None else f"the suffix of '{path}'"
-        raise InvalidInputError(
-            f"{told} names none of {', '.join(FORMATS)}; say which: format=, or --to on the command line"
-        )
+    wanted = format_written(path, format)
     if loops == "tight":
         if wanted != "mjcf":
             raise InvalidInputError(f"loops='tight' is about MuJoCo's soft loops: {wanted} states none")

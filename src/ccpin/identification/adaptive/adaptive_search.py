@@ -47,9 +47,8 @@ class AdaptiveSearch:
         if tube.path.verdict != "proven":
             return FoundAdaptiveTube(None, f"the reference itself leaves what is proved: {tube.path.reason}")
         if shortest < T:
-            return FoundAdaptiveTube(
-                None, f"cells of {shortest:.3g} s are shorter than the period: fewer cells= would do"
-            )
+            more = "fewer cells= would do" if tube.cells.times[-1] >= T else "a shorter period= is needed"
+            return FoundAdaptiveTube(None, f"cells of {shortest:.3g} s are shorter than the law's period: {more}")
         room = np.tile(np.concatenate([_FIRST / own.gains.slope, np.full(n, _FIRST)]), (len(tube.centre), 1))
         rates = np.full((len(tube.centre), n), _FIRST)
         for _ in range(_ROUNDS):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Callable, Iterator, Mapping
+from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -78,10 +79,12 @@ def write_table(table: Mapping[str, Array], path: Path) -> None:
     if table_target(path).suffix == ".parquet":
         write_parquet(data_frame(table), path)
     else:
-        rows = zip(*table.values(), strict=True)
-        lines = [",".join("" if math.isnan(value) else repr(float(value)) for value in row) for row in rows]
-        head = (f'"{name.replace(chr(34), 2 * chr(34))}"' if set(name) & {",", '"'} else name for name in table)
-        write_text(path, "\n".join([",".join(head), *lines, ""]))
+        text = StringIO()
+        rows = csv.writer(text, lineterminator="\n")
+        rows.writerow(table)
+        columns = (np.asarray(column, dtype=np.float64).tolist() for column in table.values())
+        rows.writerows(["" if math.isnan(value) else value for value in row] for row in zip(*columns, strict=True))
+        write_text(path, text.getvalue())
 
 
 def table_target(path: Path) -> Path:
