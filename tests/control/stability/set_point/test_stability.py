@@ -24,6 +24,7 @@ from ccpin.dynamics import linearize
 from ccpin.errors import CcpinError, DifferentSubjectsError, InvalidInputError, UnattainableGainsError
 from ccpin.simulation import lyapunov_along
 from tests.oracles import rpdr as oracle
+from tests.support.long_cases import later
 from tests.support.paper import GOAL, K_P, K_V, START
 
 UPRIGHT, UPRIGHT_MODE = np.radians([90.0, 90.0]), np.radians([90.0, -30.0, 90.0, 30.0])
@@ -66,7 +67,8 @@ def test_interrupted_it_keeps_what_it_proved():
     assert np.all([whole.contains(q) for q in np.concatenate(part.cells) if part.contains(q)])
 
 
-def test_what_progress_raises_ends_it():
+@pytest.mark.parametrize("cells", later(3, 20))
+def test_what_progress_raises_ends_it(cells):
     """Told before every cell; an exception comes through, from the search over an atlas's boxes too."""
     law, *_ = _case("rpdr")
     atlas = certify(law.model, GOAL, max_depth=4)
@@ -76,7 +78,7 @@ def test_what_progress_raises_ends_it():
 
     for domain in (None, atlas):
         with pytest.raises(TimeoutError):
-            certify_law(law, domain, progress=_stopped_after(3, leave))
+            certify_law(law, domain, progress=_stopped_after(cells, leave))
 
 
 def _closed_form_potential(paper):
