@@ -16,6 +16,8 @@ from tests.support.long_cases import later
 from tests.support.paper import CURVED as REGION
 from tests.support.singular_samples import CROSSING, RPDR, SLICE, missed, of_five_bar, of_slice
 
+CUSP = np.array([[0.176, 0.26], [0.184, 0.268]])  # nearer about the slice's
+
 
 @pytest.fixture
 def cover(rpdr_curves):
@@ -92,15 +94,18 @@ def test_a_missing_tube_leaves_boxes_uncovered(rpdr, cover, monkeypatch):
     assert missed(found, q_free) == 0
 
 
-def test_curves_through_cusps():
+@pytest.mark.parametrize(
+    ("region", "poses"), [(CUSP, 5_000), pytest.param(SLICE, 10_000, marks=pytest.mark.slow)], ids=["near", "wide"]
+)
+def test_curves_through_cusps(region, poses):
     """The 3-RPR over a cusp: one curve, and of the poses with det = 0 none beside it."""
-    found = domain.certify_singularities(load_slice(), SLICE)
+    found = domain.certify_singularities(load_slice(), region)
     assert found.verdict == "proven"
     assert [(curve.kind, curve.closed) for curve in found.curves] == [("fold", False)]
-    q_free = of_slice(10_000, 4, SLICE)
+    q_free = of_slice(poses, 4, region)
     assert len(q_free) > 300
     assert missed(found, q_free) == 0
-    assert len(domain.cusps(load_slice(), SLICE, curves=[curve.points for curve in found.curves])) == 1
+    assert len(domain.cusps(load_slice(), region, curves=[curve.points for curve in found.curves])) == 1
 
 
 @pytest.mark.parametrize("samples", later(15_000, 40_000))

@@ -46,11 +46,10 @@ def followed_once(chains, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def honest(rpdr):
+def honest(rpdr_curves):
     """The two curves, proven to be all."""
-    result = found_in(rpdr, resolution=1e-4, budget=1_000_000)
-    assert (result.verdict, [curve.kind for curve in result.curves]) == ("proven", TRUE)
-    return result
+    assert (rpdr_curves.verdict, [curve.kind for curve in rpdr_curves.curves]) == ("proven", TRUE)
+    return rpdr_curves
 
 
 def is_open(result):
