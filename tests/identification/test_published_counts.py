@@ -55,7 +55,7 @@ def loop(name):
     [
         ("fourbar2", 3, published.parallelogram_combinations(PARALLELOGRAM)),
         ("fourbar1", 8, published.four_bar_combinations(BARS)),
-        ("fourbarpris", 8, None),
+        pytest.param("fourbarpris", 8, None, marks=pytest.mark.slow),
         ("fourbar1turn", 21, None),
     ],
 )
@@ -99,7 +99,7 @@ def test_what_a_pin_hands_over():
     ("description", "count", "theirs"),
     [
         (published.palletizer(), 21, published.palletizer_combinations()),
-        (published.level_palletizer(), 22, None),
+        pytest.param(published.level_palletizer(), 22, None, marks=pytest.mark.slow),
     ],
     ids=["palh2m1", "palh2m2"],
 )

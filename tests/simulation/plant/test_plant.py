@@ -64,7 +64,7 @@ def test_energy_in_a_loop_with_stops():
     bounds = {"slider": {"lower": 0.09, "upper": 0.15}}
     model = ccpin.ReducedModel(ccpin.load("slider_crank", joints=bounds))
     limits = Limits(position="stop", stiffness=2e3, dissipation=0.0)
-    motion = ccpin.simulate(model, None, [0.6], duration=1.0, limits=limits, friction={}, **TIGHT)
+    motion = ccpin.simulate(model, None, [0.6], duration=1.0, sample_period=3e-3, limits=limits, friction={}, **TIGHT)
     slider = model.mechanism.tree.joint("slider")
     place = motion.q_free[:, slider.q.start]
     beyond = np.maximum(0.0, 0.09 - place) - np.maximum(0.0, place - 0.15)
@@ -108,7 +108,7 @@ def test_a_dropped_mass_comes_to_rest_at_its_weight():
     """k δ = m g in the end, and the contact carries the weight."""
     model = carriage("z", (0.0, 0.0, -9.81))
     floor = Contact("carriage", stiffness=1e4, dissipation=20.0)
-    motion = ccpin.simulate(model, None, [0.05], duration=0.6, contacts=[floor])
+    motion = ccpin.simulate(model, None, [0.05], duration=0.6, sample_period=0.05, contacts=[floor])
     assert names(motion)[0] == "'carriage' on the plane: met"
     assert motion.events[0].t == pytest.approx(np.sqrt(2 * 0.05 / 9.81), abs=1e-9)
     assert motion.q[-1] == pytest.approx(-9.81 / 1e4, rel=1e-3)
