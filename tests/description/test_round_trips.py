@@ -52,7 +52,13 @@ OTHERS_REFUSED = {
 }
 
 
-@pytest.mark.parametrize("name", round_trips.OTHERS)
+MANY_JOINTS = ("digit_like", "cassie_closed_chain.xml")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [*(name for name in round_trips.OTHERS if name not in MANY_JOINTS), *later("", *MANY_JOINTS)[1:]],
+)
 @pytest.mark.parametrize("format", later(*WRITTEN))
 def test_every_model_of_others_comes_back(name, format, tmp_path):
     """Or is refused for the reason that is listed."""
