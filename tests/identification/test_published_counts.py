@@ -148,6 +148,7 @@ def of_arm(told, *more):
     return np.linalg.matrix_rank(rows[:, [":arm_" in name for name in names]])
 
 
+@pytest.mark.slow
 def test_an_arm():
     """S6RRRRRR10's 38, for gravity of any direction."""
     assert of_arm(base_of(beside_a_loop(published.arm()), box=None)) == 38
