@@ -30,7 +30,14 @@ every_case = pytest.mark.parametrize("name", [pytest.param(name, marks=theirs(na
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[*theirs(name), *[same_on_both] * (name not in BOTH)]) for name in CASES]
+    "name",
+    [
+        pytest.param(
+            name,
+            marks=[*theirs(name), *[same_on_both] * (name not in BOTH), *[pytest.mark.slow] * (name == "cassie_like")],
+        )
+        for name in CASES
+    ],
 )
 def test_a_passive_motion_goes_on(name):
     """Two seconds: closed to 1e-10, energy kept to 1e-6 of the largest kinetic energy."""
