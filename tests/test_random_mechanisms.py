@@ -68,7 +68,7 @@ def states(**options):
     return st.builds(State, mechanisms(**options), seeds)
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(mechanisms())
 def test_reference_is_the_pose_drawn(drawn):
     """The tree puts every link where NumPy's forward kinematics does, and the closures are closed there."""
@@ -81,7 +81,7 @@ def test_reference_is_the_pose_drawn(drawn):
     assert np.abs(mechanism.constraints().residual(mechanism.q_reference)).max(initial=0.0) <= 1e-10
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(states())
 def test_sigma_is_closed_and_has_the_coordinates_asked_for(state):
     """φ(σ(q)) = 0 by the oracle's own rows, and α(σ(q)) = q."""
@@ -91,7 +91,7 @@ def test_sigma_is_closed_and_has_the_coordinates_asked_for(state):
     np.testing.assert_allclose(step, 0.0, rtol=0, atol=1e-10)
 
 
-@settings(max_examples=10)
+@settings(max_examples=7)
 @given(states())
 def test_rho_and_its_rate(state):
     """ρ q̇ is the velocity of the curve σ(q(t)), and ρ̇ the rate of ρ along it."""
@@ -103,7 +103,7 @@ def test_rho_and_its_rate(state):
     )  # ρ of joints side by side changes by about 1 in a radian
 
 
-@settings(max_examples=10)
+@settings(max_examples=7)
 @given(states())
 def test_mass_matrix_is_the_kinetic_energy(state):
     """D is symmetric, positive definite, and ½ q̇ᵀD q̇ is the energy of the moving bodies and rotors."""
@@ -118,7 +118,7 @@ def test_mass_matrix_is_the_kinetic_energy(state):
     assert state.model.energy(state.q, state.v).kinetic == pytest.approx(kinetic, rel=1e-12)
 
 
-@settings(max_examples=10)
+@settings(max_examples=7)
 @given(states())
 def test_mass_rate_less_twice_coriolis_is_skew(state):
     """Lemma III.1: Ḋ − 2C is skew symmetric, Ḋ by finite differences along the motion."""
@@ -129,7 +129,7 @@ def test_mass_rate_less_twice_coriolis_is_skew(state):
     assert_close(skew + skew.T, np.zeros_like(skew), 1e-9, scale=scale)
 
 
-@settings(max_examples=10)
+@settings(max_examples=7)
 @given(states())
 def test_power_balance(state):
     """d(T + V)/dt = q̇ᵀ(D q̈ + C q̇ + g), the left side by finite differences of the free system's energies."""
@@ -142,7 +142,7 @@ def test_power_balance(state):
     assert_close(power, derivative(energy, state.step), 1e-8 * max(1.0, abs(energy(0.0))))
 
 
-@settings(max_examples=10)
+@settings(max_examples=7)
 @given(states())
 def test_inverse_dynamics_undoes_forward_dynamics(state):
     """Where every independent coordinate has a motor, ID(FD(u)) = u; ID is D q̈ + C q̇ + g."""
@@ -159,14 +159,14 @@ def test_inverse_dynamics_undoes_forward_dynamics(state):
     assert_close(model.inverse_dynamics(state.q, state.v, a), state.u, 1e-7)
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(states())
 def test_motion_solves_the_descriptor_form(state):
     """q̈′ = ρ q̈ + ρ̇ q̇ and φ_q′ᵀλ are those of (19) solved directly with rows written anew."""
     _assert_same_motion(state, descriptor.direct)
 
 
-@settings(max_examples=10)
+@settings(max_examples=7)
 @given(states(kinds=("spherical", "fixed")))
 def test_motion_is_pinocchios(state):
     """The same, against Pinocchio's proximal constrained dynamics."""

@@ -80,7 +80,7 @@ def test_both_backends_agree(name, monkeypatch):
 
 
 @every_one
-@pytest.mark.parametrize("backend", ["native", "numpy"])
+@pytest.mark.parametrize("backend", later("native", "numpy"))
 def test_sigma_is_certified(name, backend, monkeypatch):
     """A square about the reference by Theorem 2, by one box and by the atlas, and the way to the goal."""
     monkeypatch.setenv("CCPIN_BACKEND", backend)

@@ -623,12 +623,12 @@ def is_optional(call, argument):
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("step", later(3, 1))
+@pytest.mark.parametrize("step", later(5, 1))
 @pytest.mark.parametrize("room", TABLES)
 def test_wrong_arguments(room, step, bench, tables, monkeypatch):
     """Each argument of each call in turn is replaced by what it is not: the answer is right, or a CcpinError.
 
-    Every run tries each third value, with the next argument the ones beside them.
+    Every run tries each fifth value, with the next argument the ones beside them.
     """
     monkeypatch.chdir(bench.folder)  # "rpbr" is a path to some
     escaped = []

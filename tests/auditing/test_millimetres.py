@@ -11,6 +11,7 @@ from ccpin.covering.cells import CellStatus
 from ccpin.domain import scalar_coordinates_at
 from tests.oracles import cusped_3rpr as cusped
 from tests.support.cusped import cusped_mechanism
+from tests.support.long_cases import later
 
 pytest.importorskip("flint")
 from ccpin.auditing import verify
@@ -31,7 +32,7 @@ def far_rpdr():
     return ccpin.load("rpdr"), q, (q - 0.3, q + 0.3)
 
 
-@pytest.mark.parametrize("made", [three_rpr, far_rpdr])
+@pytest.mark.parametrize("made", later(three_rpr, far_rpdr))
 def test_an_atlas_far_from_zero_is_proved_by_the_audit(made, tmp_path):
     """Of 2,007 faces 699 were proved and `holds` was False, on our own atlas."""
     mechanism, q, region = made()

@@ -393,7 +393,7 @@ def test_alike_loops_and_motors_share_a_line(tmp_path, capsys):
         ("cassie_like", 3, 19 - 12 - 2),
         ("digit_like", 3, 27 - 18 - 3),
         ("cassie_closed_chain.xml", 3, 32 - 10 - 2),
-        ("neck.xml", 0, 1),
+        pytest.param("neck.xml", 0, 1, marks=pytest.mark.slow),  # whose lengths are repaired
         ("two_rod_ankle/ankle.xml", 0, 2),
     ],
 )

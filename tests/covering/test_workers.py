@@ -88,14 +88,15 @@ def test_progress_is_told(torus, told):
     assert told[-1].certified == pytest.approx(torus.certified_fraction)
 
 
+@pytest.mark.parametrize("depth", later(5, 6))
 @pytest.mark.parametrize("share", later(0.02, 0.5))
-def test_an_end_by_the_clock_keeps_what_is_proved(rpdr, share):
+def test_an_end_by_the_clock_keeps_what_is_proved(rpdr, share, depth):
     """Wherever it ends, nothing that is counted is wrong, all boxes hold, and the rest is undecided."""
     start = time.perf_counter()
-    certify_sheets(rpdr, TORUS, max_depth=5)
+    certify_sheets(rpdr, TORUS, max_depth=depth)
     most = share * (time.perf_counter() - start)
     start = time.perf_counter()
-    atlas = certify_sheets(rpdr, TORUS, max_depth=5, seconds=most)
+    atlas = certify_sheets(rpdr, TORUS, max_depth=depth, seconds=most)
     assert not atlas.complete
     assert time.perf_counter() - start < most + 30.0
     assert "interrupted" in repr(atlas)
@@ -149,12 +150,13 @@ def test_ctrl_c_and_kill(rpdr, torus, tmp_path, when):
     assert kept < {file.name for file in chunks.iterdir()}
 
 
-def test_an_exhaustive_search_for_empty_cells_ends_in_time():
+@pytest.mark.parametrize("seconds", later(0.7, 1.5))
+def test_an_exhaustive_search_for_empty_cells_ends_in_time(seconds):
     """`certify(exhaustive=True)` looks at the clock (and at Ctrl-C) while it searches, for minutes at this depth."""
     mechanism = ccpin.load("planar_3rrr")
     q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     start = time.perf_counter()
-    atlas = domain.certify(mechanism, q0, max_depth=4, exhaustive=True, resolution=0.1, seconds=0.7)
+    atlas = domain.certify(mechanism, q0, max_depth=4, exhaustive=True, resolution=0.1, seconds=seconds)
     assert time.perf_counter() - start < 60.0
     assert not atlas.complete
     assert len(atlas.boxes.kappa)

@@ -49,6 +49,7 @@ def test_the_readme_says_the_same():
     assert [figure for figure in figures if figure not in long] == []
 
 
+@pytest.mark.slow
 def test_the_swings_are_as_printed():
     """Whoever is installed does what the page says, within a factor of three."""
     shown = {row[0]: [float(cell.split()[0]) for cell in row[1:]] for row in TABLES[1][2:]}

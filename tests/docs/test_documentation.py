@@ -32,7 +32,7 @@ LONG = (
     {"README.md"}
     | {
         f"docs/{name}.md"
-        for name in ("cli", "faq", "gallery", "identification", "pictures", "transmission", "tutorial")
+        for name in ("cli", "faq", "gallery", "identification", "pictures", "programs", "transmission", "tutorial")
     }
     | {f"docs/notebooks/{name}.md" for name in ("delta", "paper", "tuning")}
     | {
@@ -41,17 +41,22 @@ LONG = (
             "adaptive",
             "assembly_modes",
             "cad_to_policy",
+            "calibration",
             "cluster",
             "firmware",
             "gains",
             "impedance",
+            "knee_and_neck",
             "mpc",
+            "optimise",
             "realtime",
             "rl",
             "ros2_control",
             "robot_log",
             "serial_limits",
+            "torques",
             "tracking",
+            "two_arms",
             "workspace",
         )
     }

@@ -20,7 +20,7 @@ def model(request):
 @pytest.fixture(scope="module")
 def place(model):
     """Q on the reference's branch, V, U; NumPy takes long over a row."""
-    rng, rows = np.random.default_rng(11), 400 if model.backend.name == "native" else 40
+    rng, rows = np.random.default_rng(11), 400 if model.backend.name == "native" else 16
     return np.radians([-150.0, -160.0]) + 0.2 * rng.normal(size=(rows, 2)), *rng.normal(size=(2, rows, 2))
 
 

@@ -8,6 +8,7 @@ import pytest
 
 import ccpin
 from ccpin.kinematics.points import LinkPoint
+from tests.support.long_cases import later
 
 THREADS, ROUNDS = 8, 3
 PLACES = {"rpdr": (np.radians([-150.0, -160.0]), "link3"), "delta": (np.array([-0.2, 0.1, 0.0]), None)}
@@ -114,7 +115,7 @@ KINDS = (
 )
 
 
-@pytest.fixture(scope="module", params=sorted(PLACES))
+@pytest.fixture(scope="module", params=later(*PLACES))
 def workload(request):
     return Workload(request.param)
 

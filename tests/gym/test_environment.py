@@ -70,7 +70,7 @@ def test_motors_without_bounds_need_an_effort():
         MechanismEnv(carriage(), effort_squared, effort=[1.0, 2.0])
 
 
-@pytest.mark.parametrize("name", ["rpdr", "delta"])
+@pytest.mark.parametrize("name", ["rpdr", pytest.param("delta", marks=pytest.mark.slow)])
 def test_pictures(name):
     """An image of the configuration, of one size, that changes with it."""
     env = MechanismEnv(name, effort_squared, render_mode="rgb_array", period=0.1)

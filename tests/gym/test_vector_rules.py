@@ -180,13 +180,14 @@ def test_parameters_are_told_when_they_are_drawn():
             np.testing.assert_array_equal(told[at]["final_info"]["parameters"], first["parameters"])
 
 
-def test_the_ankle_runs_on():
-    """Balls depend there: thirty steps of random actions, all of them sound or begun anew."""
-    envs = MechanismVectorEnv(ANKLE, 8, horizon=14, effort=2.0, parameters={"gravity": (9.0, 10.0)})
+@pytest.mark.parametrize(("horizon", "steps"), [(14, 30), pytest.param(30, 65, marks=pytest.mark.slow)])
+def test_the_ankle_runs_on(horizon, steps):
+    """Balls depend there: steps of random actions, all of them sound or begun anew."""
+    envs = MechanismVectorEnv(ANKLE, 8, horizon=horizon, effort=2.0, parameters={"gravity": (9.0, 10.0)})
     envs.reset(seed=2)
     envs.action_space.seed(2)
     ends = 0
-    for _ in range(30):
+    for _ in range(steps):
         observed, rewards, over, late, _ = envs.step(envs.action_space.sample())
         assert envs.observation_space.contains(observed)
         assert np.isfinite(rewards).all()

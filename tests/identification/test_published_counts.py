@@ -55,7 +55,7 @@ def loop(name):
     [
         ("fourbar2", 3, published.parallelogram_combinations(PARALLELOGRAM)),
         ("fourbar1", 8, published.four_bar_combinations(BARS)),
-        ("fourbarpris", 8, None),
+        pytest.param("fourbarpris", 8, None, marks=pytest.mark.slow),
         ("fourbar1turn", 21, None),
     ],
 )
@@ -99,7 +99,7 @@ def test_what_a_pin_hands_over():
     ("description", "count", "theirs"),
     [
         (published.palletizer(), 21, published.palletizer_combinations()),
-        (published.level_palletizer(), 22, None),
+        pytest.param(published.level_palletizer(), 22, None, marks=pytest.mark.slow),
     ],
     ids=["palh2m1", "palh2m2"],
 )
@@ -148,6 +148,7 @@ def of_arm(told, *more):
     return np.linalg.matrix_rank(rows[:, [":arm_" in name for name in names]])
 
 
+@pytest.mark.slow
 def test_an_arm():
     """S6RRRRRR10's 38, for gravity of any direction."""
     assert of_arm(base_of(beside_a_loop(published.arm()), box=None)) == 38

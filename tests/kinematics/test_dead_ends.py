@@ -54,7 +54,7 @@ def walks_only(monkeypatch):
 
 @same_on_both
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("name", ["rpdr", *later("stewart", "delta")])
+@pytest.mark.parametrize("name", later("rpdr", "stewart", "delta"))
 def test_leaps_refuse_what_the_walk_refuses(name, size, walks_only):
     """At random and beside ends: the same answers bit for bit, or the same kind of error at the same place."""
     model, rng, refused = ccpin.ReducedModel(ccpin.load(name)), np.random.default_rng(81), 0

@@ -61,7 +61,7 @@ def places_of(tree: ast.Module) -> dict[str, ast.AST]:
 
 
 @cache
-def _parsed(source: str) -> ast.Module:
+def parsed(source: str) -> ast.Module:
     """A source's syntax tree, which is only read: many places of one module are asked for one by one."""
     return ast.parse(source)
 
@@ -72,7 +72,7 @@ def changes_of(source: str, places: tuple[str, ...]) -> Iterator[Change]:
     Raises:
         KeyError: A place that the module does not have.
     """
-    tree, lines = _parsed(source), source.splitlines()
+    tree, lines = parsed(source), source.splitlines()
     known = places_of(tree)
     for place in places:
         if place not in known:
@@ -92,8 +92,13 @@ def _within(root: ast.AST) -> list[ast.AST]:
     return found
 
 
+_CHANGED = (ast.Constant, ast.BinOp, ast.BoolOp, ast.Name, ast.Attribute, ast.Assign, ast.AugAssign, ast.Compare)
+
+
 def _variants(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
     """What may stand instead of a node."""
+    if not isinstance(node, _CHANGED):  # as most nodes are not
+        return
     if isinstance(node, ast.Constant) and isinstance(node.value, float) and node.value:
         for factor in FACTORS:
             yield f"{node.value:g} × {factor:g}", ast.Constant(node.value * factor)

@@ -7,12 +7,11 @@ fragment and the reason stand in `rooms`, and so do the places on which no claim
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Iterator
 from functools import cache
 from typing import NamedTuple
 
-from tests.mutants.changes import Change, changes_of, places_of
+from tests.mutants.changes import Change, changes_of, parsed, places_of
 from tests.mutants.room import Excused, Room
 from tests.mutants.rooms import (
     atlases,
@@ -65,7 +64,7 @@ def changed_in(room: Room) -> tuple[str, ...]:
     if room.places:
         return room.places
     named = {place for each in (*ROOMS, *EXCUSED) if each.module == room.module for place in each.places}
-    there = places_of(ast.parse(source_of(room.module).read_text()))
+    there = places_of(parsed(source_of(room.module).read_text()))
     return tuple(place for place in there if place not in named)
 
 
@@ -97,7 +96,7 @@ def unlisted(folder: str) -> list[str]:
     missing: list[str] = []
     for file in sorted((SOURCES / folder).rglob("*.py")):
         module, source = str(file.relative_to(SOURCES).with_suffix("")), file.read_text()
-        there = places_of(ast.parse(source))
+        there = places_of(parsed(source))
         excused = [e for e in EXCUSED if e.module == module]
         gone = {place for e in excused for place in e.places} - set(there)
         if gone:

@@ -195,7 +195,7 @@ def test_ctrl_c_ends_a_batch(delta):
     """A batch of minutes stops within a second of SIGINT."""
     _, kernel, Q, V, U = delta
     many = [np.tile(array, (20000, 1)) for array in (Q, V, U)]
-    timer = threading.Timer(0.3, lambda: signal.raise_signal(signal.SIGINT))
+    timer = threading.Timer(0.1, lambda: signal.raise_signal(signal.SIGINT))
     began = time.monotonic()
     timer.start()
     with pytest.raises(KeyboardInterrupt):

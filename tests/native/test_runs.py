@@ -51,12 +51,13 @@ def ends(model):
     return q0, q0 + np.array([0.3, -0.2])
 
 
-def test_the_papers_law_step_for_step(rpdr_model):
+@pytest.mark.parametrize("duration", later(0.15, 0.4))
+def test_the_papers_law_step_for_step(rpdr_model, duration):
     """PD with simple gravity compensation: the same samples to 1e-12 of the state, the same evaluations."""
     q0, q_d = ends(rpdr_model)
     law = PDSimpleGravity(rpdr_model, q_d, [50.0, 50.0], [5.0, 5.0])
-    ours = in_core(rpdr_model, law, q0, 0.4)
-    theirs = reference(rpdr_model, law, q0, duration=0.4, sample_period=0.01)
+    ours = in_core(rpdr_model, law, q0, duration)
+    theirs = reference(rpdr_model, law, q0, duration=duration, sample_period=0.01)
     assert (ours.status, ours.message, ours.evaluations) == (theirs.status, theirs.message, theirs.evaluations)
     for name, allowed in (("t", 0.0), ("q", 1e-12), ("v", 1e-12), ("q_free", 1e-12), ("u", 1e-10), ("a", 1e-9)):
         np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=0, atol=allowed)
@@ -206,8 +207,15 @@ def test_sampled_loops(rpdr_model, name, kind):
         np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), rtol=0, atol=allowed)
 
 
-@pytest.mark.parametrize("sampling", [None, Sampling(2e-3, velocity_cutoff=100.0)], ids=["continuous", "sampled"])
-@pytest.mark.parametrize("kind", ["simple", "computed torque"])
+@pytest.mark.parametrize(
+    ("kind", "sampling"),
+    [
+        ("computed torque", None),
+        ("simple", Sampling(2e-3, velocity_cutoff=100.0)),
+        pytest.param("simple", None, marks=pytest.mark.slow),
+        pytest.param("computed torque", Sampling(2e-3, velocity_cutoff=100.0), marks=pytest.mark.slow),
+    ],
+)
 def test_pushed_runs(rpdr_model, kind, sampling):
     """Constant wrenches on links move the mechanism as in the reference; the law knows nothing of them."""
     q0, _ = ends(rpdr_model)
@@ -257,12 +265,13 @@ def test_runs_beyond_the_motors_bounds_are_the_references(rpdr_model, sampling):
     np.testing.assert_allclose(found.q, expected.q, rtol=0, atol=1e-10)
 
 
-def test_what_trial_steps_ask_for_is_nobodys(rpdr_model):
+@pytest.mark.parametrize("duration", later(0.15, 0.5))
+def test_what_trial_steps_ask_for_is_nobodys(rpdr_model, duration):
     """A move that needs 2 of 30 N m stays in the core, though the first trial step from rest asks for a thousand."""
     start, goal = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
     law = ComputedTorque(rpdr_model, PointToPoint(rpdr_model, start, goal, 0.4), [1600.0, 1600.0], [80.0, 80.0])
-    ours = in_core(rpdr_model, law, start, 0.5, most=30.0)
-    theirs = reference(rpdr_model, law, start, duration=0.5, sample_period=0.01)
+    ours = in_core(rpdr_model, law, start, duration, most=30.0)
+    theirs = reference(rpdr_model, law, start, duration=duration, sample_period=0.01)
     assert np.abs(ours.u).max() < 2.0
     np.testing.assert_allclose(ours.q, theirs.q, rtol=0, atol=1e-9)
     np.testing.assert_allclose(ours.u, theirs.u, rtol=0, atol=1e-6)

@@ -61,8 +61,14 @@ def test_c_has_numpy_s_bits(asked, format, tmp_path):
     same(*exported(program, tmp_path, format)(rows), c_answers(program, rows, PRECISIONS[format]))
 
 
-@FORMATS
-@pytest.mark.parametrize("name", WIDTHS)
+@pytest.mark.parametrize(
+    ("name", "format"),
+    [("sse2", "double"), ("avx2", "float"), ("avx512", "double")]
+    + [
+        pytest.param(*case, marks=pytest.mark.slow)
+        for case in (("sse2", "float"), ("avx2", "double"), ("avx512", "float"))
+    ],
+)
 @of_each
 def test_lanes_have_the_same(asked, name, format, tmp_path, monkeypatch):
     """Of each width that this processor runs."""

@@ -67,8 +67,14 @@ def test_there_and_back(name):
         y, y_back = out["sigma"], home["sigma"]
 
 
-@each
-@pytest.mark.parametrize("to", ["motors", "joints"])
+@pytest.mark.parametrize(
+    ("name", "to"),
+    [("ankle", "joints"), ("knee", "motors"), ("neck", "joints")]
+    + [
+        pytest.param(*case, marks=pytest.mark.slow)
+        for case in (("ankle", "motors"), ("knee", "joints"), ("neck", "motors"))
+    ],
+)
 def test_c_is_python(name, to, tmp_path):
     """Compiled with every warning an error, over 10,000 states; the test that goes with it says the same."""
     found = program(name, to)

@@ -29,14 +29,18 @@ def test_balls_hold_what_they_held(again):
         assert not again(x).is_finite()
 
 
-@pytest.fixture(scope="module")
-def certificates(rpdr_model):
+QUICK = {"order": 12, "tolerance": 1e-12, "pieces": 4, "precision": 64}
+
+
+@pytest.fixture(scope="module", params=later((QUICK, QUICK | {"cells": 1}), ({}, {})), ids=["quick", "sharp"])
+def certificates(rpdr_model, request):
     """An enclosure, one of a set, and a certificate of a move."""
     q = rpdr_model.alpha(rpdr_model.mechanism.q_reference)
     law = control.PDSimpleGravity(rpdr_model, q, 50.0, 5.0)
-    motion = validated.enclose(rpdr_model, law, q, None, 0.002)
-    tube = validated.enclose_set(rpdr_model, law, q, None, 0.002, spread=1e-6)
-    return motion, tube, validated.certify_move(rpdr_model, law, q, arrival=0.1)
+    of_one, of_a_set = request.param
+    motion = validated.enclose(rpdr_model, law, q, None, 0.002, **of_one)
+    tube = validated.enclose_set(rpdr_model, law, q, None, 0.002, spread=1e-6, **of_a_set)
+    return motion, tube, validated.certify_move(rpdr_model, law, q, arrival=0.1, **of_one)
 
 
 @pytest.mark.parametrize("again", later(lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy), ids=["pickle", "copy"])

@@ -41,6 +41,7 @@ from tests.support.recorded import (  # noqa: E402
 
 FINE = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
 QUICK = {"order": 14, "tolerance": 1e-14, "pieces": 4}
+LARGE = ("many redundant", "balls of a Stewart platform")
 
 
 pytestmark = pytest.mark.usefixtures("precise")
@@ -48,7 +49,7 @@ pytestmark = pytest.mark.usefixtures("precise")
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[pytest.mark.slow] * (name == "balls of a Stewart platform")) for name in MECHANISMS],
+    [pytest.param(name, marks=[pytest.mark.slow] * (name in LARGE)) for name in MECHANISMS],
 )
 def test_recorded_dynamics(name):
     """The tape's (ẋ, q̈) and energies are the reduced model's at random closed states."""

@@ -378,7 +378,7 @@ class Flaky(ThreadPoolExecutor):
         return future
 
 
-@pytest.mark.parametrize("depth", later(6, 7))
+@pytest.mark.parametrize("depth", later(5, 7))
 def test_executor_does_not_change_the_atlas(rpdr, depth):
     """Serial, worker processes and an executor that loses tasks give the same boxes bit for bit."""
     arguments = {"q0": SEED, "max_depth": depth}

@@ -18,6 +18,7 @@ from ccpin.proof.newton import bounds_of, check, predict, solve_in_boxes
 from tests.oracles import rpdr as oracle
 from tests.support.ball_joint import ball_joint
 from tests.support.closures import ARMS, KINDS, PLANAR, SPATIAL, closed_problem, open_problem, two_arms
+from tests.support.long_cases import later
 
 CENTRES = ((-108.0, -72.0), (-108.0, -48.0), (-108.0, -120.0), (-70.0, -110.0))
 EXACT = (15.056, 3.467, 40.737, 13.056)
@@ -30,7 +31,7 @@ def centre_of(rpdr, degrees, mode=1.0):
     return np.array([q1, q3, q2, q4])
 
 
-def assert_bounds_hold(problem, theta, trials=80):
+def assert_bounds_hold(problem, theta, trials):
     """Y, Z̄R, Zw and the curvature are not exceeded in boxes of many sizes about θ, and Y is not idle."""
     system, rng = problem.system, np.random.default_rng(1)
     n, m, count = system.n, system.m, 8
@@ -78,13 +79,14 @@ def assert_bounds_hold(problem, theta, trials=80):
 
 @pytest.mark.parametrize("arms", ARMS.values(), ids=ARMS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_chains_give_the_constraints_of_every_kind_of_joint_and_closure(arms, kind):
+@pytest.mark.parametrize("states", later(2, 6))
+def test_chains_give_the_constraints_of_every_kind_of_joint_and_closure(arms, kind, states):
     """φ from chains is φ of `Constraints` at random configurations, and φ_θ is its derivative in the chart."""
     mechanism = two_arms(arms, kind)
     reading = reading_of(mechanism, mechanism.q_reference)
     system = reading.system
     constraints, rng = mechanism.constraints(), np.random.default_rng(5)
-    theta = rng.uniform(-1.2, 1.2, (6, mechanism.n_free))
+    theta = rng.uniform(-1.2, 1.2, (states, mechanism.n_free))
     step = 1e-6
     phi, jacobian = closure_values(problem_of(system, "reach"), theta)
     for k, row in enumerate(theta):
@@ -116,17 +118,19 @@ def test_second_derivatives(name):
 @pytest.mark.parametrize(
     ("name", "bounds"), [(n, "planar") for n in PLANAR] + [(n, "reach") for n in (*PLANAR, *SPATIAL)]
 )
-def test_bounds_bound(name, bounds):
+@pytest.mark.parametrize("trials", later(30, 80))
+def test_bounds_bound(name, bounds, trials):
     """Y, Z, Z̄ and the curvature are never exceeded at random points and corners of small, large and skewed boxes."""
     problem, theta = closed_problem(name, bounds)
-    assert_bounds_hold(problem, theta)
+    assert_bounds_hold(problem, theta, trials)
 
 
 @pytest.mark.parametrize("arms", ARMS.values(), ids=ARMS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_bounds_bound_for_every_kind_of_closure(arms, kind):
+@pytest.mark.parametrize("trials", later(10, 30))
+def test_bounds_bound_for_every_kind_of_closure(arms, kind, trials):
     """The same at open configurations of chains with directions, offsets, slides after turns and many-axis joints."""
-    assert_bounds_hold(*open_problem(arms, kind), trials=30)
+    assert_bounds_hold(*open_problem(arms, kind), trials)
 
 
 @at_centres

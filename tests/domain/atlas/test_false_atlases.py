@@ -18,25 +18,31 @@ def honest(rpdr):
     return certify(rpdr, [1.2, -1.2], ((-1.0, -3.0), (3.0, 1.0)), max_depth=7, exhaustive=True)
 
 
-def nothing_false(atlas):
+@pytest.fixture(params=later(25, 60))
+def points(request):
+    """At how many q it is looked."""
+    return request.param
+
+
+def nothing_false(atlas, points):
     """That no q of an empty cell has a closed configuration."""
     leaves = atlas.tree.leaves(CellStatus.EMPTY)
-    for q in np.random.default_rng(2).uniform(atlas.region.lower, atlas.region.upper, (60, 2)):
+    for q in np.random.default_rng(2).uniform(atlas.region.lower, atlas.region.upper, (points, 2)):
         if int(atlas.tree.locate(atlas.region.cell_coordinates(q[None]))[0]) in leaves:
             ranges = emptying.all_values(atlas.reading, q, q)
             assert not len(all_solutions(atlas.problem, ranges, q).kappa)
 
 
-def test_cells_are_empty_by_facts(honest):
+def test_cells_are_empty_by_facts(honest, points):
     """One by closed forms, one by branch and prune; together they name every empty cell."""
     assert honest.empty_fraction > 0.05
-    nothing_false(honest)
+    nothing_false(honest, points)
     named = np.any([fact.found["empty"] for fact in honest.proved.empty], axis=0)
     assert named[honest.tree.leaves(CellStatus.EMPTY)].all()
 
 
 @pytest.mark.parametrize("name", later("search_empty", "prove_empty"))
-def test_cells_called_empty_that_are_not(monkeypatch, rpdr, honest, name):
+def test_cells_called_empty_that_are_not(monkeypatch, rpdr, name, points):
     """They are undecided; nothing is refuted by them."""
 
     def all_empty(runner, *given):
@@ -45,7 +51,7 @@ def test_cells_called_empty_that_are_not(monkeypatch, rpdr, honest, name):
 
     monkeypatch.setattr(certifying, name, all_empty)
     atlas = certify(rpdr, [1.2, -1.2], ((-1.0, -3.0), (3.0, 1.0)), max_depth=3, exhaustive=name == "search_empty")
-    nothing_false(atlas)
+    nothing_false(atlas, points)
     assert atlas.undecided_fraction > 0.0
     if atlas.witness is not None and atlas.witness.kind == "empty":
         leaf = atlas.tree.locate(atlas.region.cell_coordinates(atlas.witness.q[None]))[0]

@@ -13,6 +13,7 @@ from ccpin.domain.sheets import certifying, counting, sheet_claims
 from ccpin.domain.sheets.cover import Front, Glued
 from ccpin.errors import InvalidInputError
 from ccpin.proof.newton import Boxes
+from tests.support.long_cases import later
 
 REGION = ((-2.4, -1.4), (-1.4, -0.4))  # of the RPDR: across its fold
 Q = np.random.default_rng(5).uniform(*REGION, (40, 2))
@@ -63,7 +64,7 @@ def without_some(candidates, keep):
 
 @pytest.mark.parametrize("keep", [
     lambda found: np.arange(len(found.cell)) % 2 == 0,
-    lambda found: found.cell % 3 > 0,
+    pytest.param(lambda found: found.cell % 3 > 0, marks=pytest.mark.slow),
     lambda found: np.zeros(len(found.cell), dtype=bool),
 ], ids=["every other", "cells", "all"])  # fmt: skip
 def test_singular_candidates_left_out(monkeypatch, rpdr, truth, keep):
@@ -112,7 +113,7 @@ OF_POINTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", OF_POINTS)
+@pytest.mark.parametrize("name", [*later("one left out", "none", "wide"), "one twice", "all turned"])
 def test_points_that_are_not_all(monkeypatch, rpdr, truth, name):
     task = counting.solutions_task
     monkeypatch.setattr(

@@ -16,6 +16,9 @@ from tests.support.long_cases import later
 from tests.support.paper import CURVED as REGION
 from tests.support.singular_samples import CROSSING, RPDR, SLICE, missed, of_five_bar, of_slice
 
+CUSP = np.array([[0.176, 0.26], [0.184, 0.268]])  # nearer about the slice's
+PIECE = np.array([[2.0, 0.85], [2.2, 1.05]])  # of the RPDR, with a piece of its fold
+
 
 @pytest.fixture
 def cover(rpdr_curves):
@@ -92,15 +95,18 @@ def test_a_missing_tube_leaves_boxes_uncovered(rpdr, cover, monkeypatch):
     assert missed(found, q_free) == 0
 
 
-def test_curves_through_cusps():
+@pytest.mark.parametrize(
+    ("region", "poses"), [(CUSP, 5_000), pytest.param(SLICE, 10_000, marks=pytest.mark.slow)], ids=["near", "wide"]
+)
+def test_curves_through_cusps(region, poses):
     """The 3-RPR over a cusp: one curve, and of the poses with det = 0 none beside it."""
-    found = domain.certify_singularities(load_slice(), SLICE)
+    found = domain.certify_singularities(load_slice(), region)
     assert found.verdict == "proven"
     assert [(curve.kind, curve.closed) for curve in found.curves] == [("fold", False)]
-    q_free = of_slice(10_000, 4, SLICE)
+    q_free = of_slice(poses, 4, region)
     assert len(q_free) > 300
     assert missed(found, q_free) == 0
-    assert len(domain.cusps(load_slice(), SLICE, curves=[curve.points for curve in found.curves])) == 1
+    assert len(domain.cusps(load_slice(), region, curves=[curve.points for curve in found.curves])) == 1
 
 
 @pytest.mark.parametrize("samples", later(15_000, 40_000))
@@ -129,12 +135,18 @@ def test_work_that_ends_early_lists_what_waits(rpdr, ended):
 
 
 @pytest.mark.parametrize(
-    ("ended", "suffix"), [({"budget": 2000}, "json"), pytest.param({"seconds": 0.3}, "npz", marks=pytest.mark.slow)]
+    ("region", "kinds", "ended", "suffix"),
+    [
+        (PIECE, ["fold"], {"budget": 60}, "json"),
+        pytest.param(REGION, ["fold", "self-motion"], {"budget": 2000}, "json", marks=pytest.mark.slow),
+        pytest.param(REGION, ["fold", "self-motion"], {"seconds": 0.3}, "npz", marks=pytest.mark.slow),
+    ],
+    ids=["piece", "budget", "seconds"],
 )
-def test_saved_work_goes_on(rpdr, cover, tmp_path, ended, suffix):
+def test_saved_work_goes_on(rpdr, cover, tmp_path, region, kinds, ended, suffix):
     """Broken off, saved, loaded and continued: the curves that one search finds, and nothing is left."""
     path = tmp_path / f"cover.{suffix}"
-    early = domain.certify_singularities(rpdr, REGION, **ended)
+    early = domain.certify_singularities(rpdr, region, **ended)
     early.save(path)
     loaded = domain.SingularCover.load(path)
     assert loaded.is_about(rpdr)
@@ -145,9 +157,9 @@ def test_saved_work_goes_on(rpdr, cover, tmp_path, ended, suffix):
     whole = loaded.continued()
     assert whole.verdict == "proven"
     assert whole.tried > early.tried
-    assert [(curve.kind, curve.closed) for curve in whole.curves] == [(c.kind, c.closed) for c in cover.curves]
+    assert [(curve.kind, curve.closed) for curve in whole.curves] == [(kind, kind == "self-motion") for kind in kinds]
     assert whole.verify()
-    assert missed(whole, of_five_bar(rpdr, RPDR, 5000, 9, REGION)) == 0
+    assert missed(whole, of_five_bar(rpdr, RPDR, 5000, 9, region)) == 0
 
 
 def test_loaded_curves_are_the_same(cover, tmp_path):

@@ -13,6 +13,7 @@ from ccpin.domain.singular import certifying, cover, curves
 from ccpin.domain.singular.cover import CurveSearch
 from ccpin.domain.singular.following import TubeChain
 from ccpin.errors import InvalidInputError
+from tests.support.long_cases import later
 from tests.support.paper import CURVED as REGION
 
 COARSE = {"resolution": 0.1, "budget": 5000}
@@ -46,11 +47,10 @@ def followed_once(chains, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def honest(rpdr):
+def honest(rpdr_curves):
     """The two curves, proven to be all."""
-    result = found_in(rpdr, resolution=1e-4, budget=1_000_000)
-    assert (result.verdict, [curve.kind for curve in result.curves]) == ("proven", TRUE)
-    return result
+    assert (rpdr_curves.verdict, [curve.kind for curve in rpdr_curves.curves]) == ("proven", TRUE)
+    return rpdr_curves
 
 
 def is_open(result):
@@ -131,7 +131,7 @@ ALTERED = {
 }
 
 
-@pytest.mark.parametrize("change", ALTERED)
+@pytest.mark.parametrize("change", [*later("longer", "elsewhere", "no numbers"), "narrower", "of another kernel"])
 def test_tubes_that_are_none(rpdr, monkeypatch, change):
     """A search that believes in them: no curve of theirs is listed, and what they held is open."""
     real = cover.follow

@@ -17,6 +17,7 @@ from tests.oracles import delta as delta_oracle
 from tests.oracles import rpdr as rpdr_oracle
 from tests.oracles import stewart as stewart_oracle
 from tests.oracles.geometry import rot_x, rot_y, rot_z, wrap
+from tests.support.long_cases import later
 from tests.support.places import MODELS
 
 CENTRE = np.array([0.0, 0.0, 0.45])
@@ -230,9 +231,10 @@ def test_wrong_arguments(stewart, delta):
         domain.certify_workspace(ccpin.EndEffector(four_bar, list(four_bar.tree.attachments)[-1]), ([0.0], [1.0]))
 
 
-def test_a_region_beyond_limits_is_refuted(stewart):
+@pytest.mark.parametrize("depth", later(3, 5))
+def test_a_region_beyond_limits_is_refuted(stewart, depth):
     """A region too wide for the legs is refuted by a pose at which the closed form has a leg beyond its limit."""
-    atlas = domain.certify_workspace(stewart, ([0.0, 0.0, 0.2], [0.01, 0.01, 0.5]), max_depth=5)
+    atlas = domain.certify_workspace(stewart, ([0.0, 0.0, 0.2], [0.01, 0.01, 0.5]), max_depth=depth)
     assert atlas.verdict == "refuted"
     assert atlas.witness.kind == "limit"
     assert "beyond its limits" in atlas.reason

@@ -30,7 +30,14 @@ every_case = pytest.mark.parametrize("name", [pytest.param(name, marks=theirs(na
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[*theirs(name), *[same_on_both] * (name not in BOTH)]) for name in CASES]
+    "name",
+    [
+        pytest.param(
+            name,
+            marks=[*theirs(name), *[same_on_both] * (name not in BOTH), *[pytest.mark.slow] * (name == "cassie_like")],
+        )
+        for name in CASES
+    ],
 )
 def test_a_passive_motion_goes_on(name):
     """Two seconds: closed to 1e-10, energy kept to 1e-6 of the largest kinetic energy."""
@@ -142,7 +149,7 @@ def test_coordinates_are_not_changed_to_and_fro():
     assert run.changes == 1
 
 
-@pytest.mark.parametrize("method", ["RK45", "DOP853"])
+@pytest.mark.parametrize("method", later("RK45", "DOP853"))
 def test_coordinates_are_left_late_in_a_motion_too(method):
     """At 1e7 s no step is shorter than 2e-8 s; the coordinates are left all the same, here by NumPy's integrators."""
     model, v = case("five-bar")

@@ -23,6 +23,7 @@ START, GOAL = np.radians((-118.0, -62.0)), np.radians((-108.0, -72.0))
 BOTH = ("PDFullGravity", "ComputedTorque")
 TIGHT = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
 SEEDS = (1,)  # of other rods too
+SHORT, LONG = 0.15, 0.3  # what every run and slow ones simulate [s]
 
 
 def pair(seed):
@@ -64,7 +65,7 @@ def as_function(law, breaks):
     return control.TorqueFunction(lambda t, q, v: law.torque(t, Measurement(q), v), switching_times=breaks)
 
 
-def compare(name, seed, sampling=None, duration=0.3):
+def compare(name, seed, sampling=None, duration=LONG):
     """At every sample the law gives what a function gives; so both motions are one. And how long each took."""
     nominal, plant = pair(seed)
     law = LAWS[name](nominal)
@@ -92,17 +93,18 @@ def compare(name, seed, sampling=None, duration=0.3):
 def test_a_law_computes_with_its_own_model(name):
     """With full gravity and computed torque it was as if they knew the plant."""
     for seed in SEEDS:
-        compare(name, seed, duration=0.15)
+        compare(name, seed, duration=SHORT)
 
 
 @pytest.mark.parametrize(
     "name", ["ComputedTorque", *(pytest.param(name, marks=same_on_both) for name in ("PDFullGravity", "PDPlus"))]
 )
 @pytest.mark.parametrize("counts", later(None, 4000))
-def test_so_it_does_as_a_sampled_loop(name, counts):
+@pytest.mark.parametrize("duration", later(SHORT, LONG))
+def test_so_it_does_as_a_sampled_loop(name, counts, duration):
     """With and without encoders."""
     for seed in SEEDS:
-        compare(name, seed, Sampling(period=0.001, encoder_counts=counts, velocity_cutoff=200.0), 0.15)
+        compare(name, seed, Sampling(period=0.001, encoder_counts=counts, velocity_cutoff=200.0), duration)
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from ccpin.simulation import closure_forces, joint_forces
 from ccpin.simulation.plant.friction import joint_friction
 from ccpin.simulation.results.forces import closure_forces_at
 from tests.support.backends import same_on_both
+from tests.support.long_cases import later
 
 STATED = {"crank": {"damping": 0.002}, "rocker": {"stiffness": 0.8, "spring_reference": 0.5}}
 
@@ -104,7 +105,8 @@ def test_a_law_with_u_of_the_wrong_size_is_told(sampling):
 
 
 @same_on_both
-def test_theorem_3_holds_with_springs_and_gears():
+@pytest.mark.parametrize("sample_period", later(1e-4, 2e-5))
+def test_theorem_3_holds_with_springs_and_gears(sample_period):
     """A rigorous level for g = ∂V/∂q of gravity and springs; from within 𝒱 falls at the rate −q̇ᵀ(K_v + damping)q̇."""
     model = ccpin.ReducedModel(ccpin.load("four_bar", joints=STATED, motors={"crank": {"gear": -20}}))
     goal = start(model)
@@ -112,7 +114,7 @@ def test_theorem_3_holds_with_springs_and_gears():
     assert certificate.rigorous
     assert certificate.beta >= abs(model.gravity_derivative(goal)[0, 0])
     law = certificate.law
-    run = ccpin.simulate(model, law, goal + 0.3, duration=0.02, sample_period=1e-4, rtol=1e-10, atol=1e-12)
+    run = ccpin.simulate(model, law, goal + 0.3, duration=0.02, sample_period=sample_period, rtol=1e-10, atol=1e-12)
     value = [law.lyapunov(*row) for row in zip(run.q, run.v, run.q_free, strict=True)]
     assert value[0] < certificate.level
     rate = [v @ (law.K_v + model.at(q, near).damping) @ v for q, v, near in zip(run.q, run.v, run.q_free, strict=True)]

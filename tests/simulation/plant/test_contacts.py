@@ -40,7 +40,11 @@ def test_a_ball_bounces_for_ever():
     assert_vanishing(errors, 1e-9)
 
 
-@pytest.mark.parametrize(("friction", "start"), [(0.5, 0.3), (0.5, -0.4), (0.2, -0.4)], ids=["sticks", "up", "slips"])
+@pytest.mark.parametrize(
+    ("friction", "start"),
+    [(0.5, 0.3), pytest.param(0.5, -0.4, marks=pytest.mark.slow), (0.2, -0.4)],
+    ids=["sticks", "up", "slips"],
+)
 def test_a_block_on_a_slope(friction, start):
     """v̇ = g (sin θ − μ cos θ v/√(v² + v_s²)), by quadrature; where μ > tan θ it ends creeping at a part of v_s."""
     slope, slip, k = np.arctan(0.3), 1e-2, 1e5

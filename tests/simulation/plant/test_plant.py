@@ -44,7 +44,8 @@ def test_a_stop_takes_what_its_dissipation_says():
     w = brentq(lambda w: c * w + np.log(1 - c * w) - np.log(1 + c * v) + c * v, 0.0, v)
     for k in (1e3, 1e5):
         limits = Limits(position="stop", stiffness=k, dissipation=c)
-        motion = ccpin.simulate(carriage(upper=0.1, lower=-1.0), None, [0.0], [v], duration=0.3, limits=limits, **TIGHT)
+        options = {"duration": 0.3, "sample_period": 0.3, "limits": limits}
+        motion = ccpin.simulate(carriage(upper=0.1, lower=-1.0), None, [0.0], [v], **options, **TIGHT)
         assert motion.v[-1] == pytest.approx(-w, rel=1e-8)
 
 
@@ -64,7 +65,7 @@ def test_energy_in_a_loop_with_stops():
     bounds = {"slider": {"lower": 0.09, "upper": 0.15}}
     model = ccpin.ReducedModel(ccpin.load("slider_crank", joints=bounds))
     limits = Limits(position="stop", stiffness=2e3, dissipation=0.0)
-    motion = ccpin.simulate(model, None, [0.6], duration=1.0, limits=limits, friction={}, **TIGHT)
+    motion = ccpin.simulate(model, None, [0.6], duration=1.0, sample_period=3e-3, limits=limits, friction={}, **TIGHT)
     slider = model.mechanism.tree.joint("slider")
     place = motion.q_free[:, slider.q.start]
     beyond = np.maximum(0.0, 0.09 - place) - np.maximum(0.0, place - 0.15)
@@ -108,7 +109,7 @@ def test_a_dropped_mass_comes_to_rest_at_its_weight():
     """k δ = m g in the end, and the contact carries the weight."""
     model = carriage("z", (0.0, 0.0, -9.81))
     floor = Contact("carriage", stiffness=1e4, dissipation=20.0)
-    motion = ccpin.simulate(model, None, [0.05], duration=0.6, contacts=[floor])
+    motion = ccpin.simulate(model, None, [0.05], duration=0.6, sample_period=0.05, contacts=[floor])
     assert names(motion)[0] == "'carriage' on the plane: met"
     assert motion.events[0].t == pytest.approx(np.sqrt(2 * 0.05 / 9.81), abs=1e-9)
     assert motion.q[-1] == pytest.approx(-9.81 / 1e4, rel=1e-3)
@@ -122,7 +123,8 @@ def test_a_sliding_mass_stops_by_friction():
     model = carriage("xz", (0.0, 0.0, -9.81))
     floor = Contact("carriage", stiffness=1e5, dissipation=5.0, friction=0.5, slip=1e-4)
     rest = -9.81 / 1e5
-    motion = ccpin.simulate(model, None, [0.0, rest], [1.0, 0.0], duration=0.5, contacts=[floor], method="Radau")
+    options = {"duration": 0.5, "sample_period": 0.01, "method": "Radau"}
+    motion = ccpin.simulate(model, None, [0.0, rest], [1.0, 0.0], contacts=[floor], **options)
     sliding = motion.t < 0.9 / (0.5 * 9.81)
     np.testing.assert_allclose(motion.v[sliding, 0], 1 - 0.5 * 9.81 * motion.t[sliding], rtol=0, atol=1e-6)
     assert motion.q[-1, 0] == pytest.approx(1 / (2 * 0.5 * 9.81), abs=1e-4)
@@ -219,7 +221,9 @@ def test_a_motor_at_its_speed_pushes_no_further():
     """Over the last 5 % of 2 m/s the effort of 5 N fades out: v = 2 − 0.1 e^{−50 (t − t₁)} from t₁ = 0.38 s on."""
     model = carriage(effort=5.0, velocity=2.0)
     limits = Limits(velocity="saturate")
-    motion = ccpin.simulate(model, lambda t, q, v: [50.0], [0.0], duration=0.6, limits=limits, **TIGHT)
+    motion = ccpin.simulate(
+        model, lambda t, q, v: [50.0], [0.0], duration=0.6, sample_period=0.01, limits=limits, **TIGHT
+    )
     late = motion.t > 0.38
     expected = np.where(late, 2 - 0.1 * np.exp(-50 * (motion.t - 0.38)), 5 * motion.t)
     np.testing.assert_allclose(motion.v[:, 0], expected, rtol=0, atol=1e-9)
@@ -235,7 +239,9 @@ def test_a_motor_at_its_speed_pushes_no_further():
 def test_a_dc_motor_runs_up():
     """5 (1 − v/20) N on 1 kg: v = 20 (1 − e^{−t/4})."""
     motors = MotorModel(speeds=(0.0, 20.0), efforts=(5.0, 0.0))
-    motion = ccpin.simulate(carriage(), lambda t, q, v: [1e3], [0.0], duration=2.0, motors=motors, **TIGHT)
+    motion = ccpin.simulate(
+        carriage(), lambda t, q, v: [1e3], [0.0], duration=2.0, sample_period=0.02, motors=motors, **TIGHT
+    )
     np.testing.assert_allclose(motion.v[:, 0], 20 * (1 - np.exp(-motion.t / 4)), rtol=0, atol=1e-9)
     np.testing.assert_allclose(motion.u, 5 * (1 - motion.v / 20), rtol=0, atol=1e-9)
 
@@ -308,7 +314,8 @@ def test_a_joint_that_rests_at_a_stop():
     model = carriage(upper=0.1, lower=-1.0)
     limits = Limits(position="stop", stiffness=1e4, dissipation=20.0)
     motion = ccpin.simulate(
-        model, lambda t, q, v: [10.0], [0.09], duration=0.5, limits=limits, friction={"x": (3.0, 0.0)}
+        *(model, lambda t, q, v: [10.0], [0.09]),
+        **{"duration": 0.5, "sample_period": 0.1, "limits": limits, "friction": {"x": (3.0, 0.0)}},
     )
     assert motion.v[-1] == 0.0
     x = model.mechanism.tree.joint("x").v.start

@@ -130,7 +130,7 @@ def state(description, seed):
     return State(mechanism, model, v / max(1.0, np.linalg.norm(model.rho(mechanism.q_reference) @ v)), u)
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(mechanisms(), seeds)
 def test_wrenches_do_the_constraints_work(drawn, seed):
     """Σ (J_A − J_B)ᵀ wrench is the generalized force φ_q′ᵀλ of the descriptor form, closures of every kind."""
@@ -167,7 +167,7 @@ def check_free_directions(at):
             np.testing.assert_allclose(force.axis[0], axis, atol=1e-12)
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(mechanisms(), seeds)
 def test_joints_carry_their_motors_effort(drawn, seed):
     """Newton and Euler against the descriptor form on random mechanisms: trees, loops and joints of every kind."""

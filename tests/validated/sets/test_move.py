@@ -15,9 +15,12 @@ flint = pytest.importorskip("flint")
 
 from ccpin.validated import certify_move, enclose  # noqa: E402
 from tests.support.enclosures import FREE, accurately, paper_law  # noqa: E402
+from tests.support.long_cases import later  # noqa: E402
 from tests.support.paper import GOAL, START  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("precise")
+QUICK = {"order": 12, "tolerance": 1e-12, "pieces": 4, "precision": 64}
+as_sharp_as = pytest.mark.parametrize("options", later(QUICK, {}), ids=["quick", "sharp"])
 
 
 @pytest.fixture(scope="module")
@@ -25,9 +28,10 @@ def enclosure(rpdr_model, law):
     return enclose(rpdr_model, law, START, None, 0.1)
 
 
-def test_the_papers_move_is_certified(rpdr_model, law):
+@as_sharp_as
+def test_the_papers_move_is_certified(rpdr_model, law, options):
     """From 𝒱 = 13.1 J the move is proven to reach 𝒱 < 2.9 J on q_d's branch; an integrator agrees with T and 𝒱."""
-    move = certify_move(rpdr_model, law, START, arrival=2.9)
+    move = certify_move(rpdr_model, law, START, arrival=2.9, **options)
     assert move.verdict == "proven"
     assert not move.rigorous  # a plain number
     assert "caller's part" in move.reason
@@ -38,13 +42,14 @@ def test_the_papers_move_is_certified(rpdr_model, law):
     assert move.enclosure.smallest_determinant > 0.05
 
 
-def test_moves_that_are_not_proven_say_why(rpdr_model, law):
+@as_sharp_as
+def test_moves_that_are_not_proven_say_why(rpdr_model, law, options):
     """Too little time, and a state on the other assembly mode, however large the level: not covered."""
-    early = certify_move(rpdr_model, law, START, arrival=2.9, duration=0.05)
+    early = certify_move(rpdr_model, law, START, arrival=2.9, duration=0.05, **options)
     assert early.verdict == "undecided"
     assert "not proven to arrive" in early.reason
     other = oracle.sigma(GOAL, -1.0)[FREE]
-    wrong = certify_move(rpdr_model, law, GOAL, arrival=1e3, duration=0.002, near=other)
+    wrong = certify_move(rpdr_model, law, GOAL, arrival=1e3, duration=0.002, near=other, **options)
     assert wrong.verdict == "undecided"
     assert "branch" in wrong.reason
 

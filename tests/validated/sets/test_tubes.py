@@ -70,36 +70,44 @@ def sampled_by_closed_forms(q, v, samples, period):
     return found
 
 
+@pytest.fixture(scope="module", params=later(0.008, 0.02))
+def duration(request):
+    """How much of the paper's move is looked at [s]."""
+    return request.param
+
+
 @pytest.fixture(scope="module")
-def short(rpdr_model):
-    """The first 0.02 s of the paper's move from ±2e-3 rad and ±0.01 rad/s."""
-    return enclose_set(rpdr_model, paper_law(rpdr_model), START, None, 0.02, spread=(2e-3, 0.01), cells=2, **QUICK)
+def short(rpdr_model, duration):
+    """It from ±2e-3 rad and ±0.01 rad/s."""
+    return enclose_set(rpdr_model, paper_law(rpdr_model), START, None, duration, spread=(2e-3, 0.01), cells=2, **QUICK)
 
 
 @pytest.mark.parametrize("starts", later(4, 12))
-def test_motions_by_closed_forms_stay_in_the_tube(short, starts):
+def test_motions_by_closed_forms_stay_in_the_tube(short, starts, duration):
     """Corners and random starts, integrated from the printed forms; the tube is not much wider than they need."""
     assert short.verdict == "proven"
     (tube,) = short.tubes
     largest = 0.0
     for offset in corners_and_more(np.random.default_rng(0), tube.starts.spread, starts):
-        motion = by_closed_forms(START + offset[:2], offset[2:], 0.02)
+        motion = by_closed_forms(START + offset[:2], offset[2:], duration)
         for t, state in zip(motion.t, motion.y.T, strict=True):
             assert short.contains(t, state[:2], state[2:], 1e-6)
             centre, reach = tube.box(t)
             assert np.all(np.abs(state - centre) <= reach + 1e-9)
-        largest = max(largest, np.abs(tube.coordinates(0.02, state[:2], state[2:])).max())
+        largest = max(largest, np.abs(tube.coordinates(duration, state[:2], state[2:])).max())
     assert largest > 0.7
 
 
-def test_what_is_not_a_motion_from_the_set_is_outside(short, rpdr_model):
+def test_what_is_not_a_motion_from_the_set_is_outside(short, rpdr_model, duration):
     """A start beyond the spread, a heavier link and a weaker gain lead out of the tube."""
-    outside = by_closed_forms(START + [2.2e-3, 0.0], [0.0, 0.0], 0.02).y[:, -1]
-    assert not short.contains(0.02, outside[:2], outside[2:])
+    outside = by_closed_forms(START + [2.2e-3, 0.0], [0.0, 0.0], duration).y[:, -1]
+    assert not short.contains(duration, outside[:2], outside[2:])
     weaker = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, 0.97 * K_P, K_V)
     corner = short.tubes[0].starts.spread
-    sample = ccpin.simulate(rpdr_model, weaker, START - corner[:2], -corner[2:], duration=0.02, rtol=1e-9, atol=1e-11)
-    assert not short.contains(0.02, sample.q[-1], sample.v[-1])
+    sample = ccpin.simulate(
+        rpdr_model, weaker, START - corner[:2], -corner[2:], duration=duration, rtol=1e-9, atol=1e-11
+    )
+    assert not short.contains(duration, sample.q[-1], sample.v[-1])
 
 
 @pytest.mark.parametrize("name", later("slider_crank", "four_bar"))
@@ -118,16 +126,16 @@ def test_stiff_loops_in_lohners_frames(name):
 
 
 @pytest.mark.slow
-def test_dampers_in_the_joints_are_in_the_tube(short):
+def test_dampers_in_the_joints_are_in_the_tube(short, duration):
     """A plant with viscous joints has its own tube, which holds its motions and not the frictionless ones'."""
     damping = {name: {"damping": 0.3} for name in ("joint1", "joint2")}
     model = ccpin.ReducedModel(ccpin.load("rpdr", joints=damping))
-    found = enclose_set(model, paper_law(model), START, None, 0.02, spread=(2e-3, 0.01), cells=2, **QUICK)
+    found = enclose_set(model, paper_law(model), START, None, duration, spread=(2e-3, 0.01), cells=2, **QUICK)
     assert found.verdict == "proven"
     for offset in corners_and_more(np.random.default_rng(2), found.tubes[0].starts.spread, 6):
-        motion = by_closed_forms(START + offset[:2], offset[2:], 0.02, damping=0.3)
+        motion = by_closed_forms(START + offset[:2], offset[2:], duration, damping=0.3)
         assert all(found.contains(t, x[:2], x[2:], 1e-6) for t, x in zip(motion.t, motion.y.T, strict=True))
-        assert not short.contains(0.02, motion.y[:2, -1], motion.y[2:, -1])
+        assert not short.contains(duration, motion.y[:2, -1], motion.y[2:, -1])
 
 
 @pytest.mark.slow

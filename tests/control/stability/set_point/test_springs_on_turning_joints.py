@@ -108,9 +108,10 @@ def test_the_laws_own_turns_count(model, law):
     assert certificate.level <= least
 
 
-def test_over_a_full_turn_neighbours_have_one_energy(model, law):
+@pytest.mark.parametrize("depth", later(6, 7))
+def test_over_a_full_turn_neighbours_have_one_energy(model, law, depth):
     """Ways round turn the springs: U of two neighbouring cells agrees at their face over the whole branch."""
-    store = cells_of_atlas(law, certify(model.mechanism, GOAL, max_depth=7))
+    store = cells_of_atlas(law, certify(model.mechanism, GOAL, max_depth=depth))
     assert not store.whole
     for number, cell in enumerate(store.cells):
         for other in (k for k in cell.neighbours if k > number):

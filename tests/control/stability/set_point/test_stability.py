@@ -24,17 +24,18 @@ from ccpin.dynamics import linearize
 from ccpin.errors import CcpinError, DifferentSubjectsError, InvalidInputError, UnattainableGainsError
 from ccpin.simulation import lyapunov_along
 from tests.oracles import rpdr as oracle
+from tests.support.long_cases import later
 from tests.support.paper import GOAL, K_P, K_V, START
 
 UPRIGHT, UPRIGHT_MODE = np.radians([90.0, 90.0]), np.radians([90.0, -30.0, 90.0, 30.0])
 
 
 @lru_cache
-def _case(name):
-    """A law, its certificate and how long its motions take to settle."""
+def _case(name, long=False):
+    """A law, its certificate and how long its motions take to settle; of long work for slow runs."""
     model = ccpin.ReducedModel(ccpin.load(name))
     q_d, k_p, k_v, (depth, cells), duration = {
-        "rpdr": (GOAL, K_P, K_V, (11, 700), 1.0),
+        "rpdr": (GOAL, K_P, K_V, (11, 700) if long else (10, 300), 1.0),
         "delta": (np.zeros(3), np.full(3, 30.0), np.full(3, 4.0), (9, 150), 2.0),
         "stewart": (model.alpha(model.mechanism.q_reference), np.full(6, 4e3), np.full(6, 300.0), (None, None), 0.8),
         "hexa": (model.alpha(model.mechanism.q_reference), np.full(6, 100.0), np.full(6, 5.0), (None, None), 1.0),
@@ -56,7 +57,7 @@ def _stopped_after(cells, how):
 @pytest.mark.slow
 def test_interrupted_it_keeps_what_it_proved():
     """After Ctrl-C the level so far stands: no higher than with all the time, and its motions are as certified."""
-    law, whole, _ = _case("rpdr")
+    law, whole, _ = _case("rpdr", long=True)
     ctrl_c = _stopped_after(150, lambda: signal.raise_signal(signal.SIGINT))
     part = certify_law(law, max_depth=11, budget=700, progress=ctrl_c)
     assert (part.limit, part.verdict) == ("interrupted", "proven")
@@ -66,7 +67,8 @@ def test_interrupted_it_keeps_what_it_proved():
     assert np.all([whole.contains(q) for q in np.concatenate(part.cells) if part.contains(q)])
 
 
-def test_what_progress_raises_ends_it():
+@pytest.mark.parametrize("cells", later(3, 20))
+def test_what_progress_raises_ends_it(cells):
     """Told before every cell; an exception comes through, from the search over an atlas's boxes too."""
     law, *_ = _case("rpdr")
     atlas = certify(law.model, GOAL, max_depth=4)
@@ -76,7 +78,7 @@ def test_what_progress_raises_ends_it():
 
     for domain in (None, atlas):
         with pytest.raises(TimeoutError):
-            certify_law(law, domain, progress=_stopped_after(3, leave))
+            certify_law(law, domain, progress=_stopped_after(cells, leave))
 
 
 def _closed_form_potential(paper):
@@ -188,7 +190,7 @@ def test_rate_of_another_controller(rpdr_model):
 @pytest.mark.slow
 def test_rpdr_levels_are_below_the_truth_and_near():
     """c never exceeds the closed form's level, and is within a few per cent of it."""
-    certificate = _case("rpdr")[1]
+    certificate = _case("rpdr", long=True)[1]
     about = -oracle.coincident_elbows()[None] + 1e-6 * np.column_stack(
         [np.cos(np.linspace(0, 2 * np.pi, 400)), np.sin(np.linspace(0, 2 * np.pi, 400))]
     )
@@ -200,17 +202,19 @@ def test_rpdr_levels_are_below_the_truth_and_near():
     assert certificate.limit == "gain"
 
 
-def test_rpdr_beta_is_a_bound():
+@pytest.mark.parametrize("long", later(False, True))
+def test_rpdr_beta_is_a_bound(long):
     """No sample of the closed form in 𝒬 has a larger ‖∂g/∂q‖ than β, and β is below the gains."""
-    certificate = _case("rpdr")[1]
+    certificate = _case("rpdr", long)[1]
     inside = [q for q in _grid()[0] if certificate.contains(q)]
     assert len(inside) > 250
     assert max(_closed_form_slope(q) for q in inside) <= certificate.beta < certificate.gain == 11.0
 
 
-def test_rpdr_sublevel_is_the_closed_forms():
+@pytest.mark.parametrize("long", later(False, True))
+def test_rpdr_sublevel_is_the_closed_forms(long):
     """Membership at rest is U < c: every grid point with U < c joined to q_d is inside, every other is not."""
-    certificate = _case("rpdr")[1]
+    certificate = _case("rpdr", long)[1]
     points, well = _grid()
     inside = np.array([certificate.contains(q) for q in points])
     np.testing.assert_array_equal(inside, well < certificate.level)
@@ -356,13 +360,13 @@ def test_gain_below_the_slope_is_refused_and_runs_away(rpdr_model):
     assert "not stable" in refused.reason
     assert not refused.contains(UPRIGHT)
     off = UPRIGHT + np.array([2e-3, -1e-3])
-    gone = ccpin.simulate(rpdr_model, weak, off, duration=4.0, near=UPRIGHT_MODE)
+    gone = ccpin.simulate(rpdr_model, weak, off, duration=3.2, near=UPRIGHT_MODE)
     assert np.abs(gone.q[-1] - UPRIGHT).max() > 0.3
     strong = PDSimpleGravity(rpdr_model, UPRIGHT, K_P, K_V, UPRIGHT_MODE)
     certificate = certify_law(strong, max_depth=8, budget=120)
     assert certificate.verdict == "proven"
     assert certificate.contains(off)
-    back = ccpin.simulate(rpdr_model, strong, off, duration=4.0, near=UPRIGHT_MODE)
+    back = ccpin.simulate(rpdr_model, strong, off, duration=3.2, near=UPRIGHT_MODE)
     assert np.abs(back.q[-1] - UPRIGHT).max() < 1e-8
 
 

@@ -29,7 +29,7 @@ def test_at_one_configuration_they_are_the_model(name):
     assert_bounds_are_the_model(_model(name))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "hexa")) for name in NAMES])
 def test_over_sets_they_hold_their_members(name):
     """Random members of θ and of the motion, corners among them, that share their parameters."""
     case, rng, size = Case(_model(name)), np.random.default_rng(3), 2e-3
