@@ -21,7 +21,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import oaconvolve
 
 from ccpin.arrays import Array
 from ccpin.identification.estimates.effort_samples import EffortSamples, by_log
@@ -49,6 +48,8 @@ def with_coloured_noise(
 
 def coloured_covariance(samples: Sequence[EffortSamples], rows: EffortRows, fit: RobustFit, a: float) -> Array:
     """Cov β̂ of what is left, of shape (r, r)."""
+    from scipy.signal import oaconvolve  # most of a second to load, which few estimates need
+
     lags = int(1.1447 * (4.0 * a**2 * fit.counted.sum() / (1.0 - a**2) ** 2) ** (1.0 / 3.0))
     weights = fit.counted[:, None] / fit.deviation
     left, W, count = rows.left(fit.beta) * weights, rows.W * weights[..., None], fit.counted[:, None].astype(np.float64)
