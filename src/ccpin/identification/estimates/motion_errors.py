@@ -7,7 +7,8 @@ error that is correlated over many samples, though little of it shows in the res
     Cov β̂ = C + C S C,    S = Cov Σ_t Wᵀ Σ⁻¹ L δ
 
 (W. Fuller, Measurement error models, 1987). L is taken along the motion every 0.04 s, between which it
-is interpolated, dry friction being none of it: no sample counts at which a joint may turn back.
+is interpolated, and without dry friction: no sample counts at which a joint may turn back, and between reversals only
+δq changes what is felt of a passive joint's, ∂ρᵀ/∂q f sign q̇′ δq, which is little beside the inertial forces of δq̈.
 """
 
 from __future__ import annotations

@@ -25,7 +25,8 @@ class TubeCertificate(Judged, abc.ABC):
     """What is proved of a law along its reference, over cells of time.
 
     The fact's `bound` (K, 2n) is of |q − q_d| and of a second number of each coordinate over each cell, and `ultimate`
-    (n,) of |q − q_d| in the end.
+    (n,) of |q − q_d| in the end. Whether the fact is about the law is looked at whenever a number or the verdict is
+    asked for, some milliseconds: loops ask before they begin.
 
     Attributes:
         law: The law.
