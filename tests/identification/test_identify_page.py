@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ccpin.cli import main
-from ccpin.identification.estimates.residual_figures import autocorrelations
+from ccpin.identification.estimates.explained_efforts import Explained
+from ccpin.identification.estimates.residual_figures import autocorrelations, efforts_figure
 from ccpin.identification.logs.log import Log
 
 
@@ -18,6 +19,19 @@ def test_autocorrelations_are_those_of_a_first_order_process():
     assert len(found) == 60
     assert np.allclose(found[:10], 0.8 ** np.arange(1, 11), atol=0.05)
     assert np.abs(autocorrelations(draw.normal(size=20000))).max() < 5.0 / np.sqrt(20000.0)
+
+
+def test_an_outlier_hides_no_other_sample():
+    """Axes hold all samples within twenty standard deviations, whole, and end far below one that is 300 off."""
+    draw, t = np.random.default_rng(0), np.linspace(0.0, 1.0, 400)
+    told = np.sin(6.0 * t)[:, None]
+    measured = told + draw.normal(0.0, 0.01, (400, 1))
+    measured[[7, 8], 0] = told[[7, 8], 0] + [3.0, 0.15]
+    both = Explained(t, told, measured, told, ("hip",))
+    efforts, residuals = efforts_figure(both._replace(told=0.9 * told), both).axes
+    near, left = np.delete(measured[:, 0], 7), np.delete(both.left[:, 0], 7)
+    assert efforts.get_ylim()[0] < near.min() < near.max() < efforts.get_ylim()[1] < 1.3
+    assert residuals.get_ylim()[0] < left.min() < left.max() < residuals.get_ylim()[1] < 0.3
 
 
 @pytest.mark.slow

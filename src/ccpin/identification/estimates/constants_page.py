@@ -61,7 +61,8 @@ def estimate_page(
                 + figure(
                     efforts_figure(before, after),
                     f"Efforts of {name}, N m or N: measured, and by the constants taken; right, residuals by the "
-                    "file's constants (stated) and by those taken",
+                    "file's constants (stated) and by those taken. What is more than twenty standard deviations off "
+                    "runs out of the picture",
                 )
                 + figure(
                     residuals_figure(after),
@@ -162,11 +163,12 @@ def _clocks(estimate: Estimate) -> str:
 
 
 def _noise(estimate: Estimate) -> str:
-    rows = [[f"`{name}`", f"{level:.3g}"] for motion in estimate.motions for name, level in motion.noise.items()]
+    told_of = zip(estimate.delays, estimate.motions, strict=True)
+    rows = [[late.log, f"`{name}`", f"{x:.3g}"] for late, motion in told_of for name, x in motion.noise.items()]
     efforts = ", ".join(f"{level:.3g}" for level in estimate.effort_noise)
     outliers = [*estimate.outliers, *(each for motion in estimate.motions for each in motion.outliers)]
     named = [[each.log, f"`{each.column}`", f"{each.t:.6g}", f"{each.off:.1f}"] for each in outliers[:50]]
     body = paragraphs(f"Standard deviation of the residuals, coordinate by coordinate: {efforts} N m or N.")
-    body += table(["column", "standard deviation about the motion"], rows)
+    body += table(["log", "column", "standard deviation about the motion"], rows)
     told = f"Samples left out as outliers: {len(outliers)}" + (", the first of them:" if len(outliers) > 50 else ".")
     return body + paragraphs(told) + (table(["log", "column", "t, s", "deviations"], named) if named else "")

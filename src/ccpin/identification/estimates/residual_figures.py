@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ccpin.identification.estimates.stribeck_friction import StribeckFriction
 from ccpin.plotting.style import COLOURS, Figure, drawing
 
 _LAGS, _BINS, _SHOWN = 60, 41, 5.0  # samples; bins; standard deviations at which outliers are drawn
+_FAR = 20.0  # standard deviations: what is farther off sets no axis
 _SURE = 1.96  # standard deviations: 95 % of Gaussian noise
 _FALLEN = 4.0  # Stribeck speeds, at which friction has fallen
 _USUAL = 1.4826  # of the median of |x|: the standard deviation of Gaussian noise
@@ -30,6 +32,10 @@ def efforts_figure(before: Explained, after: Explained) -> Figure:
             right.plot(before.t, before.left[:, k], color=COLOURS[2], linewidth=0.6, label="stated")
             right.plot(after.t, after.left[:, k], color=COLOURS[1], linewidth=0.6, label="taken")
             right.set(ylabel=f"residual at {name}")
+            near = np.abs(after.left[:, k]) <= _FAR * _size(after.left[:, k])
+            if not near.all():
+                _within(left, after.measured[near, k], after.told[:, k])
+                _within(right, before.left[near, k], after.left[near, k])
         for axes in panels[0]:
             axes.legend(loc="upper right", fontsize=8)
         for axes in panels[-1]:
@@ -44,7 +50,7 @@ def residuals_figure(told: Explained) -> Figure:
         panels = drawn.subplots(n, 3, squeeze=False)
         for k, name in enumerate(told.names):
             spread, chain, against = panels[k]
-            size = max(_USUAL * float(np.median(np.abs(told.left[:, k]))), float(np.finfo(float).tiny))
+            size = _size(told.left[:, k])
             left = np.clip(told.left[:, k], -_SHOWN * size, _SHOWN * size)
             edges = np.linspace(-_SHOWN, _SHOWN, _BINS + 1)
             spread.hist(left / size, edges, density=True, color=COLOURS[1], alpha=0.6)
@@ -78,6 +84,17 @@ def friction_figure(found: Sequence[StribeckFriction]) -> Figure:
         for axes in panels[len(found) :]:
             axes.set_axis_off()
     return drawn
+
+
+def _size(left: Array) -> float:
+    """Of residuals, outliers or not: the standard deviation of Gaussian noise of their median size."""
+    return max(_USUAL * float(np.median(np.abs(left))), float(np.finfo(float).tiny))
+
+
+def _within(axes: Any, *values: Array) -> None:
+    """Have these fill the axes' height."""
+    low, high = (float(end([end(part) for part in values])) for end in (np.min, np.max))
+    axes.set(ylim=(1.05 * low - 0.05 * high, 1.05 * high - 0.05 * low))
 
 
 def autocorrelations(values: Array) -> Array:
