@@ -169,7 +169,7 @@ def test_the_command_finds_them(bench, tmp_path, capsys):
     assert main([*asked, "10%", "--prior", "inertia=5%", "--report", str(page), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["motors"]
     assert [each["k"] for each in told] == pytest.approx(K, rel=0.1)
-    assert "True efforts over what columns say" in page.read_text(encoding="utf-8")
+    assert "the true effort over what the column says" in page.read_text(encoding="utf-8")
     assert main([*asked, "joint1=5%"]) == 0
     assert "motor:joint1" in capsys.readouterr().out
     assert main(asked) != 0
