@@ -19,6 +19,7 @@ from matplotlib.image import imread
 import ccpin
 from ccpin import visualization
 from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.visualization.browser import BrowserPage
 from ccpin.visualization.live import LiveRecorder
 from ccpin.visualization.scene import Scene
 from ccpin.visualization.scene_page import CommandRecorder
@@ -381,3 +382,17 @@ def test_what_the_page_throws_is_told(rpdr, tmp_path):
         with pytest.raises(CcpinError, match="ReferenceError: nowhere is not defined"):
             page.evaluate("nowhere.at.all")
         assert page.evaluate("1 + 1") == 2
+
+
+def test_a_browser_without_webgl_is_told(rpdr, tmp_path):
+    """In place of an empty picture and tools that do nothing."""
+    page = visualization.snapshot(rpdr, None, tmp_path / "s.html")
+    off = "<script>HTMLCanvasElement.prototype.getContext = () => null</script>"
+    page.write_text(page.read_text(encoding="utf-8").replace("<head>", f"<head>{off}", 1), encoding="utf-8")
+    pytest.importorskip("choreographer")
+    chromium()
+    with BrowserPage(page.as_uri()) as shown:
+        words = shown.evaluate("document.getElementById('pane').innerText")
+        assert words.startswith("This browser does not draw in 3D")
+        assert not shown.evaluate("document.getElementById('tools').checkVisibility()")
+        assert any("WebGL" in problem for problem in shown.problems)

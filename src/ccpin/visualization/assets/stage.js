@@ -1,9 +1,18 @@
 // The stage: MeshCat's viewer with an environment to reflect, shadows, and a ground that fades into the distance.
 const THREE = MeshCat.THREE;
 const pane = document.getElementById("pane");
-const viewer = new MeshCat.Viewer(pane);
+const viewer = drawing();
 const told = name => viewer.scene_tree.find(["ccpin", name]).object.userData;     // what Python says of `name`
 const shown = { labels: 0, trace: true, ghosts: true, arrows: true, ground: true };
+
+function drawing() {                     // a page that can draw nothing says why
+  try { return new MeshCat.Viewer(pane); }
+  catch (error) {
+    pane.textContent = "This browser does not draw in 3D (no WebGL): turn on its hardware acceleration, or open the page in another one.";
+    document.body.classList.add("flat");
+    throw error;
+  }
+}
 
 function room() {                        // what materials reflect: a grey room, a bright ceiling, two soft lamps
   const scene = new THREE.Scene(), box = new THREE.BoxGeometry();
