@@ -10,7 +10,16 @@ import numpy as np
 
 from ccpin.description.closure_kinds import CLOSURE_KINDS
 from ccpin.description.joint_kinds import FIXED, JOINT_KINDS, split_component
-from ccpin.description.model import Coupling, Inertia, Joint, Link, LoopClosure, MechanismDescription, Motor
+from ccpin.description.model import (
+    Coupling,
+    Inertia,
+    Joint,
+    Link,
+    LoopClosure,
+    MechanismDescription,
+    Motor,
+    skewness,
+)
 from ccpin.description.names import hint
 from ccpin.errors import DescriptionError
 
@@ -207,8 +216,7 @@ class _Checker:
             raise self.fail(element, f"the placement has shape {placement.shape}; it must be (4, 4)")
         if not np.all(np.isfinite(placement)) or np.max(np.abs(placement)) > MAGNITUDE_LIMIT:
             raise self.fail(element, "the placement is not finite or too large")
-        rotation = placement[:3, :3]
-        if np.max(np.abs(rotation @ rotation.T - np.eye(3))) > 1e-9 or np.linalg.det(rotation) < 0:
+        if skewness(placement[:3, :3].T) > 1e-9:
             raise self.fail(element, "the placement's rotation is not a rotation matrix")
 
     def closures_are_sound(self) -> None:

@@ -46,6 +46,13 @@ def inverse(transform: Array) -> Array:
     return frame(-turn @ transform[:3, 3], turn)
 
 
+def skewness(turns: Array) -> Array:
+    """How far 3×3 blocks (…, 3, 3) are from rotations: the largest entry of |RᵀR − 1|, infinite where mirrored."""
+    off = np.abs(np.swapaxes(turns, -1, -2) @ turns - np.eye(3)).max(axis=(-2, -1))
+    handed = np.sum(cross(turns[..., 0, :], turns[..., 1, :]) * turns[..., 2, :], axis=-1)
+    return np.where(handed < 0.0, np.inf, off)
+
+
 def rotation_to(axis: Array) -> Array:
     """The smallest rotation whose z column is the unit vector `axis` (a half turn about x for −z)."""
     z = np.array([0.0, 0.0, 1.0])

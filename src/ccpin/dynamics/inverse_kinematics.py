@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, numbers
+from ccpin.description.model import skewness
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import Near, State
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnreachableTargetError
@@ -79,10 +80,9 @@ def _checked(target: ArrayLike) -> _Target:
         return _Target(array, None)
     if array.shape != (4, 4):
         raise InvalidInputError(f"the target has shape {array.shape}; it must be a position (3,) or a pose (4, 4)")
-    rotation = array[:3, :3]
-    if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+    if skewness(array[:3, :3]) > 1e-6:
         raise InvalidInputError("the target's upper left 3×3 block is not a rotation matrix")
-    return _Target(array[:3, 3], rotation)
+    return _Target(array[:3, 3], array[:3, :3])
 
 
 def _start(model: ReducedModel, near: Near) -> State:

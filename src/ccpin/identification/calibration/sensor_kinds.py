@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Record, numbers
+from ccpin.description.model import skewness
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.identification.calibration.geometry_equations import OpenGeometry
@@ -182,9 +183,7 @@ class Tracker(OnLink):
         if given.ndim != 3 or given.shape[1:] != (4, 4):
             raise InvalidInputError(f"{self.name}: poses must be of shape (N, 4, 4), not {given.shape}")
         rows = _rows(np.concatenate([given[:, :3, 3], given[:, :3, :3].reshape(-1, 9)], axis=1), self.name, 12)
-        axes = rows[:, 3:].reshape(-1, 3, 3)
-        wrong = np.abs(axes.transpose(0, 2, 1) @ axes - np.eye(3)).max(axis=(1, 2)) > _SKEWED
-        wrong |= np.einsum("Ni,Ni->N", np.cross(axes[:, 0], axes[:, 1]), axes[:, 2]) < 0.0
+        wrong = skewness(rows[:, 3:].reshape(-1, 3, 3)) > _SKEWED
         if wrong.any():
             pose = int(np.argmax(wrong))
             raise InvalidInputError(f"{self.name}: the upper left 3×3 block of pose {pose} is no rotation matrix")

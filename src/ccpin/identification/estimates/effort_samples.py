@@ -86,13 +86,12 @@ def effort_outliers(
     A motor that is off by e adds e b to what is left, b its column of ρᵀSᵀ: the b taken is that nearest to it, rows
     counted by their deviations. `logs` are the samples' names.
     """
-    motors, first = np.eye(len(model.mechanism.actuated)), 0
-    for each, log in zip(samples, logs, strict=True):
-        for k in np.flatnonzero(~fit.counted[first : first + len(each.chosen)]).tolist():
+    motors, told = np.eye(len(model.mechanism.actuated)), (by_log(samples, x) for x in (fit.counted, fit.off, left))
+    for each, log, counted, off, missed in zip(samples, logs, *told, strict=True):
+        for k in np.flatnonzero(~counted).tolist():
             state = model.at(each.motion.q[each.chosen[k]])
             felt = np.array([state.generalized_force(motor) for motor in motors]) / fit.deviation
             size = np.maximum(np.linalg.norm(felt, axis=1), np.finfo(float).tiny)
-            worst = int(np.argmax(np.abs(felt @ (left[first + k] / fit.deviation)) / size))
+            worst = int(np.argmax(np.abs(felt @ (missed[k] / fit.deviation)) / size))
             name = f"u_{model.mechanism.actuated[worst]}"
-            yield Outlier(name, float(each.t[k]), float(fit.off[first + k]), log)
-        first += len(each.chosen)
+            yield Outlier(name, float(each.t[k]), float(off[k]), log)
